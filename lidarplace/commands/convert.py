@@ -39,7 +39,7 @@ READERS: Registry[Callable[[Path, Counter[str]], BoxLog]] = Registry("lidarplace
 
 
 class _Readers(TyperGroup):
-    """Has a command for each reader of another package, which its docstring describes."""
+    """Group with a command for each reader of another package, which its docstring describes."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return [*super().list_commands(ctx), *READERS.installed()]
@@ -141,7 +141,7 @@ LidarOption = Annotated[
 def _boxes(
     ignored: Counter[str], class_map: str, lidar: str | None, keep_ignored: bool
 ) -> dict[str, Any]:
-    """What readers of data sets are asked alike."""
+    """Return the arguments that readers of data sets share."""
     classes, own = named_class_map(class_map), model(lidar)
     return {"ignored": ignored, "class_map": classes, "lidar": own, "keep_ignored": keep_ignored}
 
@@ -397,8 +397,9 @@ def _propose(source: Path, path: Path) -> None:
 
 
 def _check(log: BoxLog, source: Path, mapping: TableMapping | None) -> list[str]:
-    """Raise InputError for implausible values, and name the key of the mapping to change. Without a
-    mapping, which may accept them, those that are not certain are warnings."""
+    """Raise InputError for implausible values, and name the key of the mapping to change.
+
+    Without a mapping, which may accept them, those that are not certain are warnings."""
     if mapping is None:
         return check_log(log, source, fix="change {remedy} of a mapping (--propose begins one)")
     of_degrees = implausible_degrees(log) if mapping.units.angle == "deg" else ()

@@ -1,4 +1,4 @@
-"""What becomes of a log that was read: real points, rig and ground, its folder and its tables."""
+"""Output of a conversion: real points, rig and ground of a log, its folder and its tables."""
 
 import shutil
 import sys
@@ -39,9 +39,10 @@ KEEP, LEVEL = "keep", "level"
 
 @dataclass(frozen=True)
 class Real:
-    """What options say of the real vehicle and world; for `origin` see `count_real_points`. The
-    static `world` is built of the clouds; if these are not `kept`, a wrong one is a warning. `rig`
-    is the file of the rig of all scenes, `lidar` the model of mounts without one."""
+    """Options on the real vehicle and world.
+
+    The static `world` is built of the clouds; if these are not `kept`, a wrong one is a warning.
+    `rig` is the file of the rig of all scenes, `lidar` the model of mounts without one."""
 
     ground: str
     clouds: Path | None = None
@@ -53,13 +54,13 @@ class Real:
 
 
 def model(name: str | None) -> Lidar | None:
-    """The LiDAR of the catalogue that `--lidar` names. Raises ValueError if there is none."""
+    """Return the LiDAR of the catalogue that `--lidar` names; raise ValueError if there is none."""
     with at("--lidar"):
         return None if name is None else Lidar.named(name)
 
 
 def _read_rig(path: Path | None, lidar: str | None) -> RecordedRig | None:
-    """The rig in a file of mounts, with `lidar` where a mount has no model."""
+    """Read the rig in a file of mounts, with `lidar` where a mount has no model."""
     if path is None:
         if lidar is not None:
             raise InputError("is the model of a rig", place="--lidar", fix="name its file: --rig")
@@ -85,6 +86,7 @@ def convert_log(
     check: Callable[[BoxLog, Path], list[str]] | None = None,
 ) -> None:
     """Read a log, write it to `out` if given, and print what is in it; a mistake ends with code 2.
+
     `check` returns warnings of implausible values, or raises InputError; by default `check_log`."""
     ignored: Counter[str] = Counter()
     notes: list[str] = []
@@ -123,7 +125,7 @@ def convert_log(
 
 
 def _counted(log: BoxLog, real: Real, out: Path | None, notes: list[str]) -> BoxLog:
-    """The log with the points of its clouds; what is wrong is a warning where none are kept."""
+    """Count the points of the log's clouds; an error is a warning where none are kept."""
     assert real.clouds is not None
     if real.kept and real.ground == LEVEL:
         wrong = "moves boxes away from the real points of --clouds"
@@ -174,7 +176,7 @@ def _levelled(log: BoxLog, notes: list[str]) -> BoxLog:
 
 
 def _rig_notes(log: BoxLog) -> list[str]:
-    """Which rigs recorded the log; that none is known, where there are real points."""
+    """Note which rigs recorded the log, or that none is known, where there are real points."""
     scenes = log.frames["scene"].nunique()
     rigs = Counter(", ".join(rig.names) for rig in log.rigs.values())
     if not rigs and POINTS in log.boxes:
@@ -183,7 +185,7 @@ def _rig_notes(log: BoxLog) -> list[str]:
 
 
 def _tables(log: BoxLog, ignored: Counter[str]) -> Iterator[Table]:
-    """Frames, boxes and, if there are any, real points and boxes off the ground."""
+    """Yield frames, boxes and, if there are any, real points and boxes off the ground."""
     filled = log.frames["frame"].isin(log.boxes["frame"])
     split_of_box = log.boxes["frame"].map(log.frames.set_index("frame")["split"])
     boxes = split_of_box.value_counts()
@@ -207,5 +209,5 @@ def _tables(log: BoxLog, ignored: Counter[str]) -> Iterator[Table]:
 
 
 def _counts(title: str, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
-    """A table of whole numbers but for the first column."""
+    """Make a table of whole numbers but for the first column."""
     return table(title, head, ((row[0], *map("{:,}".format, row[1:])) for row in rows))

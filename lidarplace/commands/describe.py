@@ -1,4 +1,4 @@
-"""What is in a box log: `lidarplace describe LOG …`."""
+"""Contents of a box log: `lidarplace describe LOG …`."""
 
 import json
 from pathlib import Path
@@ -23,7 +23,8 @@ REGIONS = {
 
 
 def describe(log: BoxLog) -> pd.DataFrame:
-    """Frames, and objects per frame whose centre is in each of `REGIONS`, by scene and split.
+    """Count frames, and objects per frame whose centre is in each of `REGIONS`, by scene and split.
+
     Returns columns scene, split, routes, frames, and for every region and class a mean number of
     objects per frame, `<region> <class>`; the last row is the whole log."""
     classes = list(dict.fromkeys(CLASSES) | counts_of(log.boxes["class"]))

@@ -1,4 +1,4 @@
-"""Write a box log and its point clouds for other tools: `lidarplace export LOG OUT`."""
+"""Export of a box log and its point clouds for other tools: `lidarplace export LOG OUT`."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -135,7 +135,7 @@ def export(
 
 
 def _some_at_a_time(log: BoxLog) -> Iterator[BoxLog]:
-    """Parts of a log, `PORTION` frames each."""
+    """Yield parts of a log, `PORTION` frames each."""
     from rich.progress import track
 
     starts, console = range(0, len(log.frames), PORTION), Terminal(stderr=True)
@@ -148,7 +148,7 @@ def _some_at_a_time(log: BoxLog) -> Iterator[BoxLog]:
 def _labels(
     log: BoxLog, roi: Crop, seed: int, all_around: bool, counts: Counter[str]
 ) -> pd.DataFrame:
-    """Labels of the objects of a log; counts them and those without."""
+    """Label the objects of a log; count them and those without."""
     x0, y0, z0, x1, y1, z1 = roi
     labels = to_labels(ground_truth(log, (x0, x1), (y0, y1), (z0, z1), seed))
     shown = in_image(labels)

@@ -148,7 +148,7 @@ def _start(known: RigFormat, origin: Vector | None, path: Path) -> Vector:
 def _with_models(
     sensors: Sequence[MountedLidar], names: Mapping[str, str | None]
 ) -> list[MountedLidar]:
-    """With models of the catalogue, by kind, where it is not known what a sensor sees."""
+    """Give sensors models of the catalogue, by kind, where it is not known what they see."""
     found, kind = [], "lidar"
     try:
         model = None if names[kind] is None else SensorSettings(name=names[kind])

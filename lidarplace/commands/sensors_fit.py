@@ -1,4 +1,4 @@
-"""The model of a LiDAR from its own clouds: `lidarplace sensors fit CLOUDS`."""
+"""Fit of a LiDAR's model to its own clouds: `lidarplace sensors fit CLOUDS`."""
 
 import math
 import sys
@@ -107,7 +107,7 @@ def _files(clouds: Sequence[Path]) -> list[Path]:
 def _lidars(
     rig: Path | None, mount: Pose | None, origin: tuple[float, float, float]
 ) -> list[MountedLidar]:
-    """Of the vehicle in the frame of its clouds, none for clouds in the sensor's frame."""
+    """Return the LiDARs of the vehicle in the frame of its clouds, none for the sensor's frame."""
     if rig is not None and mount is not None:
         raise InputError("names the mounts already", place="--rig", fix="leave --mount out")
     if mount is not None:
@@ -129,7 +129,7 @@ def _lidars(
 def _by_lidar(
     files: Sequence[Path], lidars: Sequence[MountedLidar]
 ) -> dict[MountedLidar, dict[str, pd.DataFrame]]:
-    """The sweeps of each LiDAR in its own frame, by their files."""
+    """Read the sweeps of each LiDAR in its own frame, by their files."""
     found: dict[MountedLidar, dict[str, pd.DataFrame]] = {}
     for path in files:
         cloud = read_cloud(path)
@@ -148,7 +148,7 @@ def _by_lidar(
 
 
 def _place(number: Any, lidars: Sequence[MountedLidar], path: Path) -> MountedLidar:
-    """The LiDAR of a value of column lidar, a name or a number in the order of the rig."""
+    """Find the LiDAR of a value of column lidar, a name or a number in the order of the rig."""
     if not lidars:
         return MountedLidar("lidar" if number is None else str(number), Mount())
     if number is None and len(lidars) == 1:
@@ -170,13 +170,13 @@ def _check_rings(own: ScanFit, sheet: Datasheet, place: str) -> None:
 
 
 def _nearest(own: ScanFit) -> Datasheet | None:
-    """The LiDAR of the catalogue with as many beams whose elevations are nearest."""
+    """Find the LiDAR of the catalogue with as many beams whose elevations are nearest."""
     same = [s for s in catalogue().values() if len(s.elevations_deg) == len(own.elevations)]
     return min(same, key=lambda sheet: float(np.median(_apart(own, sheet))), default=None)
 
 
 def _apart(own: ScanFit, sheet: Datasheet) -> Any:
-    """Differences of elevations, degrees: beam by beam, or from the nearest beam."""
+    """Return differences of elevations, degrees: beam by beam, or from the nearest beam."""
     fitted, stated = np.degrees(own.elevations), np.array(sheet.elevations_deg)
     if len(fitted) == len(stated):
         return np.abs(fitted - stated)

@@ -1,4 +1,4 @@
-"""The simulator against a team's own recordings: `lidarplace validate LOG`."""
+"""Validation of the simulator on a team's own recordings: `lidarplace validate LOG`."""
 
 import sys
 from pathlib import Path

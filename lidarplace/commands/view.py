@@ -1,4 +1,4 @@
-"""Look at a frame of a box log: `lidarplace view LOG`."""
+"""Picture of a frame of a box log: `lidarplace view LOG`."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""The file of a correction: what LiDARs of a real vehicle lose, learnt from its recordings."""
+"""File of a correction: the losses of LiDARs of a real vehicle, learnt from its recordings."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MOST_SHARES = 100_000  # of a mask: half a degree in both directions is less
 
 
 def _one_row(shares: Any) -> Any:
-    """A list of numbers is short for a list of one row."""
+    """Turn a list of numbers into a list of one row."""
     flat = isinstance(shares, (list, tuple)) and not any(
         isinstance(s, (list, tuple)) for s in shares
     )
@@ -74,7 +74,7 @@ class MaskSettings(Settings):
 
     @cached_property
     def mask(self) -> Mask:
-        """In radians."""
+        """The mask in radians."""
         return Mask(self.shares, tuple(map(math.radians, self.elevation_deg)))
 
 
@@ -92,7 +92,7 @@ class UnitSettings(Settings):
 
 
 class CorrectionFile(Settings):
-    """What LiDARs of a real vehicle lose."""
+    """Losses of the LiDARs of a real vehicle."""
 
     factor: dict[ClassName, ClassFactor] = Field(
         default={},
@@ -119,11 +119,13 @@ class CorrectionFile(Settings):
 
     @cached_property
     def of_all(self) -> Correction:
-        """What all LiDARs of the vehicle lose."""
+        """Losses of all LiDARs of the vehicle."""
         return Correction(tuple(self.factor.items()), self.distance)
 
     def applied_to(self, lidar: Lidar, unit: str | None = None) -> Lidar:
-        """The LiDAR with what is lost. See `Lidar.corrected`.
+        """Apply the losses to a LiDAR; see `Lidar.corrected`.
+
+        See `Lidar.corrected`.
 
         Raises ValueError: there is no such unit, or its beams are not those of `lidar`.
         """
@@ -151,18 +153,18 @@ class CorrectionFile(Settings):
 
 
 def packaged() -> tuple[str, ...]:
-    """Names of the corrections that the package has."""
+    """List the names of the corrections that the package has."""
     names = (path.name for path in files(PACKAGED).iterdir())
     return tuple(sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml")))
 
 
 def is_file(source: str) -> bool:
-    """Whether a text is the path of a correction, not a name of the package."""
+    """Return whether a text is the path of a correction, not a name of the package."""
     return source.endswith((".yaml", ".yml"))
 
 
 def read_correction(source: str | Path) -> CorrectionFile:
-    """The correction in a YAML file, read again when it was changed, or a packaged one by name.
+    """Read the correction in a YAML file, again when it was changed, or a packaged one by name.
 
     Raises ValueError: there is none of that name, the file cannot be read, or a value is wrong.
     """

@@ -37,7 +37,7 @@ Row = tuple[Number, Number, Number]
 
 @cache
 def further_catalogue() -> Mapping[str, Mapping[str, Any]]:
-    """Cameras and radars that can be bought, by name: keys of settings, and sources."""
+    """Load cameras and radars that can be bought, by name: keys of settings, and sources."""
     found = files("lidarplace.rigs.catalogue").joinpath("cameras_and_radars.yaml")
     known: dict[str, dict[str, Any]] = yaml.safe_load(found.read_text(encoding="utf-8"))
     return known
@@ -112,7 +112,7 @@ class CameraSettings(FurtherSensorSettings):
         return self
 
     def built(self) -> Camera | None:
-        """The camera; None where pixels or angles are not known."""
+        """Build the camera; None where pixels or angles are not known."""
         if self.pixels is None or (self.fov_deg is None and self.intrinsic is None):
             return None
         width, height = self.pixels
@@ -126,7 +126,7 @@ class CameraSettings(FurtherSensorSettings):
 
 
 class RadarSettings(FurtherSensorSettings):
-    """A radar."""
+    """A radar on its mount."""
 
     KIND = "radar"
     NEEDED = "azimuth_deg, elevation_deg and range"
@@ -145,7 +145,7 @@ class RadarSettings(FurtherSensorSettings):
         return self
 
     def built(self) -> Radar | None:
-        """The radar; None where its angles or its range are not known."""
+        """Build the radar; None where its angles or its range are not known."""
         if self.azimuth_deg is None or self.elevation_deg is None or self.range is None:
             return None
         start, end = map(math.radians, self.azimuth_deg)
@@ -156,8 +156,9 @@ class RadarSettings(FurtherSensorSettings):
 def further_sensors(
     cameras: Sequence[CameraSettings], radars: Sequence[RadarSettings], mounts: Sequence[Mount]
 ) -> tuple[MountedSensor, ...]:
-    """Cameras, then radars, on their mounts; those without a name are numbered from 1. Raises
-    ValueError: it is not known what one sees, or two have one name."""
+    """Build cameras, then radars, on their mounts; those without a name are numbered from 1.
+
+    Raises ValueError: it is not known what one sees, or two have one name."""
     of = (("camera", cameras), ("radar", radars))
     places = [(f"{kind}s[{n}]", f"{kind} {n + 1}") for kind, own in of for n in range(len(own))]
     every: tuple[CameraSettings | RadarSettings, ...] = (*cameras, *radars)

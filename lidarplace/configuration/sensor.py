@@ -41,13 +41,14 @@ ANY = ("range", "range_10", "range_80", "min_range", "range_noise", "wavelength_
 
 
 def _beside_or_packaged(source: str, info: ValidationInfo) -> str:
-    """A path that holds in any folder, or a name as it is."""
+    """Resolve the path of a file; a packaged name stays as it is."""
     return str(beside_the_file(Path(source), info)) if is_file(source) else source
 
 
 class SensorSettings(Settings):
-    """A LiDAR model: a name in the catalogue, alone or in a mapping whose other keys override it,
-    or your own. The defaults are the paper's, without noise."""
+    """LiDAR model: a name in the catalogue, alone or with keys that override it, or your own.
+
+    The defaults are the paper's, without noise."""
 
     name: Name | None = Field(
         None,
@@ -169,7 +170,7 @@ class SensorSettings(Settings):
         return self
 
     def lidar(self) -> Lidar:
-        """The sensor in radians."""
+        """Return the sensor in radians."""
         return self.built
 
     @cached_property
@@ -184,7 +185,8 @@ class SensorSettings(Settings):
                 return lidar.corrected(file, self.unit)
 
     def corrected(self, lidar: Lidar, name: str) -> Lidar:
-        """Another LiDAR with the correction of these settings, as its unit `name` if it has one.
+        """Apply the correction of these settings to another LiDAR, as its unit `name` if it is one.
+
         Raises ValueError if the unit does not fit the LiDAR."""
         if self.correction is None:
             return lidar

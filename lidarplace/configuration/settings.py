@@ -1,4 +1,4 @@
-"""What all settings are made of: kinds of numbers and of text with their ranges, and one error."""
+"""Base of all settings: kinds of numbers and of text with their ranges, and one error."""
 
 import re
 import reprlib
@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 
 class Settings(BaseModel):
-    """Settings are not changed, and a key that is unknown is a mistake."""
+    """Settings that do not change, and reject unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -97,7 +97,7 @@ FilePath = Annotated[Path, AfterValidator(_possible)]
 
 
 def beside_the_file(path: Path, info: ValidationInfo) -> Path:
-    """A path relative to the folder of the configuration where the context names that."""
+    """Resolve a path relative to the folder of the configuration where the context names that."""
     folder = (info.context or {}).get("folder")
     return path if folder is None else (folder / path).absolute()
 
@@ -107,7 +107,7 @@ FileBeside = Annotated[FilePath, AfterValidator(beside_the_file)]
 
 
 def short_for(key: str) -> BeforeValidator:
-    """A string in place of a mapping is the value of `key`: `ray: debug`, `lidar: vlp16`."""
+    """Let a string in place of a mapping be the value of `key`: `ray: debug`, `lidar: vlp16`."""
     return BeforeValidator(lambda value: {key: value} if isinstance(value, str) else value)
 
 
@@ -139,13 +139,13 @@ _SHORT = {
 
 
 def fault(error: ValidationError, place: str = "") -> InputError:
-    """The first mistake of an error with its parts; `place` is the file that has it."""
+    """Return the first mistake of an error with its parts; `place` is the file that has it."""
     first = error.errors(include_url=False)[0]
     return mistake(first, key_path(first["loc"]), place)
 
 
 def mistake(first: Mapping[str, Any], key: str, place: str = "") -> InputError:
-    """One of pydantic's `errors()` with its parts, of that key of the file `place`."""
+    """Convert one of pydantic's `errors()`, of that key of the file `place`."""
     inner = first.get("ctx", {}).get("error")
     if not isinstance(inner, InputError):
         said = _said(first)
@@ -187,8 +187,9 @@ def _found(first: Mapping[str, Any]) -> str:
 
 
 def validated(kind: type[T], value: Any, place: str, folder: Path | None = None) -> T:
-    """`value` as a model or another type of that kind; paths in it are relative to `folder`. Raises
-    InputError: the first mistake, in the file `place`."""
+    """Validate a value as a model or another type; paths in it are relative to `folder`.
+
+    Raises InputError: the first mistake, in the file `place`."""
     try:
         return TypeAdapter(kind).validate_python(value, context={"folder": folder})
     except ValidationError as error:
@@ -196,7 +197,7 @@ def validated(kind: type[T], value: Any, place: str, folder: Path | None = None)
 
 
 def key_path(loc: Sequence[int | str]) -> str:
-    """A place in nested settings as one would write it, `mounts[0].z`."""
+    """Write a place in nested settings as one would write it, `mounts[0].z`."""
     # Of a key that is wrong itself pydantic says "[key]" behind it.
     named = (part for part in loc if part != "[key]")
     parts = (f"[{part}]" if isinstance(part, int) else f".{shortened(part)}" for part in named)
@@ -204,11 +205,11 @@ def key_path(loc: Sequence[int | str]) -> str:
 
 
 def found(value: Any) -> str:
-    """A value as Python writes it, cut where it is long."""
+    """Write a value as Python does, cut where it is long."""
     text = _short.repr(value)
     return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"
 
 
 def shortened(key: str) -> str:
-    """A key of a file, cut where it is long."""
+    """Cut a key of a file where it is long."""
     return key if len(key) <= _LONGEST_KEY else f"{key[:_LONGEST_KEY]}…"

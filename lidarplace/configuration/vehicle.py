@@ -34,8 +34,10 @@ def _check_above_ground(boxes: Sequence[tuple[Corner, Corner]]) -> None:
 
 
 class TrailerSettings(Settings):
-    """A trailer that turns about its hitch. Requirements and constraints hold at each angle and
-    straight; clouds and detectors see it straight. No LiDAR may sit on it."""
+    """A trailer that turns about its hitch.
+
+    Requirements and constraints hold at each angle and straight; clouds and detectors see it
+    straight. No LiDAR may sit on it."""
 
     hitch: tuple[Length, Length] = Field(description="x and y of the axis about which it turns, m")
     boxes: tuple[tuple[Corner, Corner], ...] = Field(
@@ -60,8 +62,9 @@ class TrailerSettings(Settings):
 
 
 class VehicleSettings(Settings):
-    """A body that stops rays and may not contain a LiDAR: boxes, a mesh, or both; a list is short
-    for `boxes`, a text for `mesh`."""
+    """Body that stops rays and may not contain a LiDAR: boxes, a mesh, or both.
+
+    A list is short for `boxes`, a text for `mesh`."""
 
     boxes: tuple[tuple[Corner, Corner], ...] = Field(
         (), description="[[x0, y0, z0], [x1, y1, z1]]: lower and upper corner, metres, ego frame"
@@ -103,8 +106,9 @@ class VehicleSettings(Settings):
         return self
 
     def vehicle(self) -> Vehicle:
-        """In the terms of `lidarplace`. Raises ValueError as `Vehicle` and `read_mesh`; also if the
-        file cannot be read."""
+        """Build the vehicle.
+
+        Raises ValueError as `Vehicle` and `read_mesh`; also if the file cannot be read."""
         if self.mesh is None:
             return _vehicle(self, 0, 0)
         try:
@@ -118,7 +122,7 @@ class VehicleSettings(Settings):
 
 @lru_cache(maxsize=8)
 def _vehicle(settings: VehicleSettings, changed: int, size: int) -> Vehicle:
-    """The vehicle, read again when the file of its mesh was changed."""
+    """Build the vehicle, again when the file of its mesh was changed."""
     mesh, own = None, settings.trailer
     if settings.mesh is not None:
         angles = map(math.radians, (settings.roll_deg, settings.pitch_deg, settings.yaw_deg))
@@ -141,13 +145,14 @@ OwnVehicle = Annotated[VehicleSettings, BeforeValidator(_short)] | None
 
 
 def vehicle_of(settings: VehicleSettings | None) -> Vehicle:
-    """The vehicle of a field: a car if it is null."""
+    """Return the vehicle of a field: a car if it is null."""
     return Vehicle.car() if settings is None else settings.vehicle()
 
 
 def read_vehicle(path: Path) -> Vehicle | None:
-    """The vehicle in a file: YAML of what a field holds, or a mesh in metres. Raises OSError: the
-    file cannot be read; ValueError: it holds no vehicle."""
+    """Read the vehicle in a file: YAML of what a field holds, or a mesh in metres.
+
+    Raises OSError: the file cannot be read; ValueError: it holds no vehicle."""
     raw = read_yaml_file(path) if path.suffix in (".yaml", ".yml") else path.name
     field: Any = OwnVehicle
     settings: VehicleSettings | None = validated(field, raw, str(path), path.parent)

@@ -55,7 +55,8 @@ class Found(NamedTuple):
 
 
 class LogFrames:
-    """Finds frames of a log: by number, by their `SOURCE`, by their number as KITTI writes it.
+    """Frames of a log by number, by their `SOURCE`, and by their number as KITTI writes it.
+
     Raises InputError if two frames have one name."""
 
     def __init__(self, frames: pd.DataFrame) -> None:
@@ -69,7 +70,9 @@ class LogFrames:
             self._numbers |= dict(zip(frames[SOURCE].tolist(), numbers, strict=True))
 
     def named(self, names: Iterable[str | int], row: Row) -> NDArray[np.int64]:
-        """Numbers of these frames; (rows,). Raises InputError for an unknown one."""
+        """Return the numbers of named frames; (rows,).
+
+        Raises InputError for an unknown one."""
         found = []
         for at, name in enumerate(names):
             if name not in self._numbers:
@@ -81,7 +84,9 @@ class LogFrames:
         return np.array(found, np.int64)
 
     def ego(self, numbers: NDArray[np.int64], row: Row) -> Poses:
-        """Pose of the vehicle in the world in these frames; (rows,). Raises InputError."""
+        """Return the poses of the vehicle in the world in these frames; (rows,).
+
+        Raises InputError if the log has none."""
         known, rotations, positions = full_poses(self._frames), [], []
         for at, number in enumerate(numbers.tolist()):
             if number not in known:
@@ -101,7 +106,7 @@ def of_kitti(
     calibration: Path | None,
     lidar_height: float,
 ) -> Found:
-    """Result files of KITTI, one a frame, lines of 16 fields, boxes in the camera's frame.
+    """Read result files of KITTI, one a frame, lines of 16 fields, boxes in the camera's frame.
 
     `calibration` has a file a frame, with a LiDAR at `lidar_height`; None: our own export's camera.
     """
@@ -123,7 +128,7 @@ def of_kitti(
 
 
 def of_nuscenes(path: Path, frames: LogFrames) -> Found:
-    """The JSON file of nuScenes' detection challenge: boxes in the world by sample."""
+    """Read the JSON file of nuScenes' detection challenge: boxes in the world by sample."""
     content = read_json(path)
     results = content.get("results") if isinstance(content, dict) else None
     if not isinstance(results, dict):
@@ -152,7 +157,7 @@ def of_nuscenes(path: Path, frames: LogFrames) -> Found:
 
 
 def of_argoverse(path: Path, frames: LogFrames) -> Found:
-    """The Feather file of Argoverse 2's detection challenge: boxes in its ego frame."""
+    """Read the Feather file of Argoverse 2's detection challenge: boxes in its ego frame."""
     geometry = (*argoverse.TRANSLATION, *argoverse.SIZE, *argoverse.QUATERNION)
     table = read_feather(path, ("log_id", "timestamp_ns", "category", "score", *geometry))
     time = integers(table, "timestamp_ns", str(path)).astype(str).astype(object)
@@ -162,9 +167,11 @@ def of_argoverse(path: Path, frames: LogFrames) -> Found:
 
 
 def of_parquet(path: Path, frames: LogFrames, as_waymo: bool | None, world: bool) -> Found:
-    """A table of Waymo's columns of `lidar_box` and `score`, boxes in its vehicle frame; or of our
-    columns: `frame` or `source`, `class`, `GEOMETRY`, `score`, in the ego frame or the `world`.
-    Which of them is said by `as_waymo`, or for None by the columns."""
+    """Read a Parquet table of Waymo's columns of `lidar_box` and `score`, or of ours.
+
+    Waymo's boxes are in its vehicle frame. Our columns are `frame` or `source`, `class`,
+    `GEOMETRY`, `score`, in the ego frame or the `world`. `as_waymo` selects between them; None: by
+    the columns."""
     table, source = read_parquet(path).reset_index(drop=True), str(path)
     names: NDArray[Any]
     if waymo.SEGMENT in table if as_waymo is None else as_waymo:

@@ -54,7 +54,7 @@ def read_detections(
     class_map: ClassMap | None = None,
     ignored: Counter[str] | None = None,
 ) -> pd.DataFrame:
-    """What a detector found in frames of `log`: `COLUMNS`, by frame, in the ego frame.
+    """Read what a detector predicted in frames of `log`: `COLUMNS`, by frame, in the ego frame.
 
     Args:
         paths: files, or folders of them.
@@ -97,13 +97,13 @@ def read_detections(
 
 
 def _with(classes: Sequence[str], known: ClassMap, class_map: ClassMap | None) -> ClassMap:
-    """A class map in which the classes of a log are categories, too."""
+    """Add the classes of a log as categories of a class map."""
     own = {name: name for name in classes}
     return ChainMap(own, merged(known, class_map))  # type: ignore[arg-type]
 
 
 def _files(path: Path) -> list[Path]:
-    """The file, or those of a folder that can be detections."""
+    """Return the file, or those of a folder that can be detections."""
     if not path.exists():
         raise InputError("no such file or folder", place=path)
     own = [path]
@@ -121,7 +121,6 @@ def _files(path: Path) -> list[Path]:
 
 
 def _layout(path: Path) -> Layout:
-    """By the suffix. Raises InputError for an unknown one."""
     if path.suffix not in _SUFFIXES:
         wanted = ", ".join(_SUFFIXES)
         raise InputError("unknown layout", place=path, expected=wanted, found=path.suffix)
@@ -129,7 +128,7 @@ def _layout(path: Path) -> Layout:
 
 
 def _height(log: BoxLog) -> float:
-    """Of the LiDAR above the ground: that of a log of KITTI, or the usual one."""
+    """Return the height of the LiDAR above the ground: that of a log of KITTI, or the usual one."""
     placements = (rig.placement for rig in log.rigs.values())
     heights = {own.mounts[0].z for own in placements if own.name == "kitti"}
     return heights.pop() if len(heights) == 1 else LIDAR_HEIGHT_M
@@ -138,7 +137,9 @@ def _height(log: BoxLog) -> float:
 def _checked(
     found: Found, classes: Sequence[str], class_map: ClassMap | None, ignored: Counter[str]
 ) -> pd.DataFrame:
-    """`COLUMNS` of the detections of `classes`. Raises InputError for what no box can be."""
+    """Validate detections, and select `COLUMNS` of those of `classes`.
+
+    Raises InputError for what no box can be."""
     table = found.table
     if not len(table):
         return pd.DataFrame(columns=list(COLUMNS)).astype(_TYPES)

@@ -50,7 +50,7 @@ def _no_buildings() -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class BoxLog:
-    """What was around the vehicle in every frame.
+    """Boxes around the vehicle in every frame.
 
     Attributes:
         boxes: one row a box, columns `BOX_COLUMNS`, ego frame. A source that counts the real
@@ -89,7 +89,7 @@ class BoxLog:
 
 
 def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
-    """One log of several, in their order; their frame numbers must differ.
+    """Join logs in their order; their frame numbers must differ.
 
     Raises ValueError if there is none, or two have one frame, or other rigs or worlds of a scene.
     """
@@ -145,7 +145,7 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
 
 
 def evenly(frames: pd.DataFrame, most: int | None) -> pd.DataFrame:
-    """At most so many rows of a table, spread evenly over it; all of them for None."""
+    """Select at most so many rows of a table, spread evenly over it; all of them for None."""
     if most is None or most >= len(frames):
         return frames
     return frames.iloc[np.linspace(0, len(frames) - 1, most).round().astype(int)]
@@ -155,6 +155,7 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
     """Read what `write_box_log` wrote; `buildings.parquet`, `rig.json`, `world.npz` may be missing.
 
     Args:
+        folder: the folder of the log.
         most_frames: read at most so many frames, spread evenly over the log; the boxes of others
             are not kept in memory.
 
@@ -178,8 +179,9 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
 
 
 def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: str) -> None:
-    """Raise ValueError for the first box, of `source`, in no frame of the table `name`, or if most
-    boxes are of another time than their frame."""
+    """Raise ValueError for the first box, of `source`, in no frame of the table `name`.
+
+    Also if most boxes are of another time than their frame."""
     row = pd.Index(frames["frame"]).get_indexer(pd.Index(boxes["frame"]))
     columns.check_values(boxes, ["frame"], row < 0, f"one of {name}, which lists all", source)
     if "timestamp_s" not in boxes or "timestamp_s" not in frames or boxes.empty:
@@ -195,7 +197,9 @@ def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: s
 
 
 def read_rigs(folder: Path) -> dict[str, RecordedRig]:
-    """The rigs by scene alone; none where there is no file. Raises ValueError for a wrong file."""
+    """Read the rigs by scene alone; none where there is no file.
+
+    Raises ValueError for an invalid file."""
     path = folder / RIG_FILE
     if not is_there(path):
         return {}
@@ -219,7 +223,7 @@ def _check_counted(rigs: Mapping[str, RecordedRig], boxes: pd.DataFrame, path: P
 
 
 def read_frames(folder: Path) -> pd.DataFrame:
-    """The table of frames alone. Raises ValueError as `read_box_log` does."""
+    """Read the table of frames alone; raise ValueError as `read_box_log` does."""
     source = str(folder / "frames.parquet")
     frames = read_parquet(folder / "frames.parquet")
     columns.check_columns(list(frames.columns), FRAME_COLUMNS, source)
@@ -236,8 +240,9 @@ def read_frames(folder: Path) -> pd.DataFrame:
 
 
 def read_boxes(folder: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
-    """The boxes alone; if `frames` are given those of others are not kept in memory. Raises
-    ValueError as `read_box_log` does."""
+    """Read the boxes alone; with `frames` those of others are not kept in memory.
+
+    Raises ValueError as `read_box_log` does."""
     source = str(folder / "boxes.parquet")
     boxes = read_parquet(folder / "boxes.parquet", frames)
     columns.check_columns(list(boxes.columns), BOX_COLUMNS, source)
@@ -254,7 +259,9 @@ def read_boxes(folder: Path, frames: Sequence[int] | None = None) -> pd.DataFram
 
 
 def read_buildings(folder: Path) -> pd.DataFrame:
-    """The buildings alone; none where there is no file. Raises ValueError for what is wrong."""
+    """Read the buildings alone; none where there is no file.
+
+    Raises ValueError for an invalid one."""
     if not is_there(path := folder / "buildings.parquet"):
         return _no_buildings()
     buildings, source = read_parquet(path), str(path)
@@ -266,5 +273,5 @@ def read_buildings(folder: Path) -> pd.DataFrame:
 
 
 def _with_texts(table: pd.DataFrame, names: Sequence[str], source: str) -> pd.DataFrame:
-    """The table with names that are numbers as text, which joins with other tables."""
+    """Turn names that are numbers into text, which joins with other tables."""
     return table.assign(**{name: columns.texts(table, name, source) for name in names})

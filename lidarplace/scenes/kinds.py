@@ -16,7 +16,8 @@ from lidarplace.scenes.sumo.settings import SumoScene
 
 
 class SceneKind(NamedTuple):
-    """A kind of scenes: its settings, and what gives its parts, those with training frames first.
+    """Kind of scenes: its settings, and the function that lists its parts, training frames first.
+
     Settings have `source`, `seed`, `name`, `frame_counts` and `remedy`, as `SumoScene` has them."""
 
     settings: type[BaseModel]
@@ -32,7 +33,7 @@ KINDS = Registry(
 
 
 def source_of(scene: Any) -> str:
-    """Which kind a configuration means; traffic is simulated unless it says else."""
+    """Return the kind of a scene; traffic is simulated unless the configuration names another."""
     told = scene.get("source", "sumo") if isinstance(scene, Mapping) else None
     return str(told or getattr(scene, "source", "sumo"))
 
@@ -51,7 +52,7 @@ def _checked(scene: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo
 
 
 class _Schema:
-    """In the schema a scene is one of those that are installed."""
+    """JSON schema of a scene: one of those that are installed."""
 
     def __get_pydantic_json_schema__(
         self, core: CoreSchema, handler: GetJsonSchemaHandler
@@ -66,7 +67,7 @@ Scene = Annotated[SerializeAsAny[SumoScene | LogScene], WrapValidator(_checked),
 
 
 def scene_parts(scene: Scene) -> list[ScenePart]:
-    """The parts of a scene. Raises ValueError if something that it names is not there."""
+    """List the parts of a scene; raise ValueError if something that it names is missing."""
     kind = KINDS[scene.source]
     with KINDS.calls(scene.source, ValueError, OSError):
         return kind.parts(scene)

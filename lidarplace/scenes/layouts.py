@@ -1,4 +1,4 @@
-"""Frames to train, and to test without labels, for others: in KITTI's layout or as plain files."""
+"""Frames for other tools, test ones without labels: in KITTI's layout or as plain files."""
 
 from pathlib import Path
 from typing import Literal

@@ -43,13 +43,14 @@ LiDAR, in the order of the file; and how many each LiDAR of the rig has, or all 
 def count_real_points(
     log: BoxLog, folder: Path, origin: Sequence[float] | None = None, keep: Path | None = None
 ) -> tuple[BoxLog, int]:
-    """The log with the points of its clouds in its boxes, and how many frames have a cloud.
+    """Count the points of clouds in the boxes of a log; return it, and the number of clouds.
 
     `points/NAME` is counted for each LiDAR of a rig, and `POINTS` where the log has no counts.
     Boxes of frames without a cloud have NaN. Raises ValueError if no frame has a cloud, a file is
     wrong, or clouds do not fit rig or boxes.
 
     Args:
+        log: the log; its rigs split the counts.
         folder: holds the file of each frame by the path in column `CLOUD` of the frames, or by the
             last part of it; without that column `SCENE/FRAME.*` or `FRAME.*` by the frame's number.
         origin: where the frame of the points starts in our ego frame, metres, its axes being ours;
@@ -118,7 +119,7 @@ def count_real_points(
 
 
 def _paths(frames: pd.DataFrame, folder: Path) -> dict[int, Path]:
-    """The file of each frame that has one, by the frame's number."""
+    """Find the file of each frame that has one, by the frame's number."""
     numbers, found = frames["frame"].tolist(), []
     if CLOUD in frames:
         for name in frames[CLOUD]:
@@ -136,9 +137,10 @@ def _paths(frames: pd.DataFrame, folder: Path) -> dict[int, Path]:
 
 
 def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | None) -> Sweep:
-    """The points of a file, in the ego frame and by LiDAR; `origin` as of `count_real_points`.
-    Points without a place are left out. Raises ValueError as `read_cloud`, and if LiDARs or rings
-    are none of the rig's, or nothing places the sensor."""
+    """Read the points of a file, in the ego frame and by LiDAR.
+
+    `origin` is that of `count_real_points`. Points without a place are left out. Raises ValueError
+    as `read_cloud`, and if LiDARs or rings are none of the rig's, or nothing places the sensor."""
     cloud = read_cloud(path)
     cloud = cloud[np.isfinite(cloud[list("xyz")].to_numpy()).all(axis=1)]
     lidar, number = np.zeros(len(cloud), np.int64), 1
@@ -162,7 +164,7 @@ def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | No
 
 
 def _lidars(cloud: pd.DataFrame, rig: RecordedRig, path: Path) -> NDArray[np.int64]:
-    """The LiDAR of the rig of each point."""
+    """Return the number in the rig of each point's LiDAR."""
     if len(rig.names) == 1:
         return np.zeros(len(cloud), np.int64)
     values = cloud["lidar"]
@@ -195,7 +197,7 @@ def _check_rings(
 def _near_points(
     points: NDArray[np.float32], boxes: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Points in each box above its floor, and in the same box grown to its sides; (m,) each."""
+    """Count points in each box above its floor, and in the box grown to its sides; (m,) each."""
     own = boxes.copy()
     own[:, 5] = np.maximum(own[:, 5] - FLOOR_M, 0)
     own[:, 2] += FLOOR_M / 2
@@ -228,7 +230,6 @@ def _check_frame(
 
 
 def _kept(sweep: Sweep) -> Sweep:
-    """The points within `KEPT`."""
     points, counts = sweep
     inside = ((points[:, :3] >= KEPT[:3]) & (points[:, :3] <= KEPT[3:])).all(axis=1)
     lidar = np.repeat(np.arange(len(counts)), counts)

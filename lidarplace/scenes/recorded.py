@@ -90,7 +90,7 @@ class LogScene(Settings):
         return self.folder.resolve().name
 
     def frame_counts(self) -> tuple[int, int]:
-        """Number of training and of test frames."""
+        """Count training and test frames."""
         return self._frame_counts
 
     @cached_property
@@ -101,7 +101,7 @@ class LogScene(Settings):
 
     @property
     def real_clouds(self) -> Path:
-        """Where the clouds of the recorded rig are, a folder each scene."""
+        """Folder of the clouds of the recorded rig, which has a folder each scene."""
         return self.folder / "clouds" / "recorded"
 
     @cached_property
@@ -117,11 +117,11 @@ class LogScene(Settings):
         return rig
 
     def remedy(self, split: str) -> str:
-        """What to change if there is no frame of a split."""
+        """Say what to change if there is no frame of a split."""
         return f"column split of {self.folder / 'frames.parquet'} has to name some"
 
     def digest(self) -> str:
-        """Hash of the tables, rigs and static worlds, and of the class map `paper` if it counts."""
+        """Hash the tables, rigs and static worlds, and the class map `paper` if it counts."""
         digest = hashlib.sha256()
         extra = [path for name in (RIG_FILE, WORLD_FILE) for path in self.folder.glob(name)]
         for path in sorted([*self.folder.glob("*.parquet"), *extra]):
@@ -132,7 +132,7 @@ class LogScene(Settings):
         return digest.hexdigest()
 
     def read(self) -> BoxLog:
-        """The log. Raises ValueError that names the file if something is wrong with it."""
+        """Read the log; raise ValueError that names the file if something is wrong with it."""
         log = read_box_log(self.folder)
         if self.class_map is None:
             return log
@@ -142,12 +142,14 @@ class LogScene(Settings):
         return replace(log, boxes=boxes.reset_index(drop=True))
 
     def cautions(self) -> tuple[str, ...]:
-        """Implausible values of the log, a line each. Raises InputError for values that are wrong
-        beyond doubt, and for test routes that are training routes."""
+        """List implausible values of the log, a line each.
+
+        Raises InputError for values that are certainly wrong, and for test routes that are training
+        routes."""
         return _cautions(tuple(part.recording for part in log_parts(self)))
 
     def groups(self) -> ClassMap:
-        """Which class of the log counts as which; what it does not name stays as it is."""
+        """Return the class map of the log's classes; others stay as they are."""
         return PAPER_GROUPS if isinstance(self.class_map, str) else self.class_map or {}
 
 
@@ -159,7 +161,7 @@ class LogRecording:
     digest: str
 
     def record(self) -> BoxLog:
-        """Read it. Raises as `LogScene.read` does, and if the log is not what it was."""
+        """Read it; raise as `LogScene.read` does, and if the log is not what it was."""
         if self.scene.digest() != self.digest:
             problem, fix = "the log has changed since the command was given", "give it again"
             raise InputError(problem, place=self.scene.folder, fix=fix)
@@ -167,7 +169,7 @@ class LogRecording:
 
 
 def log_parts(scene: LogScene) -> list[ScenePart]:
-    """The log as one part, and the log of its test frames as another if it is one."""
+    """List the log as one part, and the log of its test frames as another if it is one."""
     counts = dict(zip(SPLITS, scene.frame_counts(), strict=True))
     # Constructed, not copied: counts of frames are not those of the copy.
     own = LogScene.model_construct(**(dict(scene) | {"test_folder": None}))
@@ -184,7 +186,6 @@ def log_parts(scene: LogScene) -> list[ScenePart]:
 
 @lru_cache(maxsize=8)
 def _cautions(recordings: tuple[LogRecording, ...]) -> tuple[str, ...]:
-    """Check the log, or the log to train on and the log to test on; see `LogScene.cautions`."""
     logs = {recording.scene.folder: recording.record() for recording in recordings}
     cautions = [caution for folder, log in logs.items() for caution in check_log(log, folder)]
     if len(logs) > 1:

@@ -29,8 +29,9 @@ class Cloud(NamedTuple):
 
 
 def real_clouds(folder: Path, lidars: int, most: int) -> Iterator[Cloud]:
-    """At most so many of the clouds that `convert --clouds` kept in the folder of a log, spread
-    evenly; clouds whose points are not split by as many LiDARs as the rig has are left out."""
+    """Read at most so many of the clouds that `convert --clouds` kept for a log, spread evenly.
+
+    Clouds whose points are not split by as many LiDARs as the rig has are left out."""
     parts = [read_clouds(path.parent) for path in sorted(folder.glob("clouds/recorded/*/data.npy"))]
     place = [(own, n) for own in parts if own.counts.shape[1] == lidars for n in range(len(own))]
     chosen = np.linspace(0, len(place) - 1, min(len(place), most)).round().astype(int)
@@ -56,9 +57,9 @@ def seen_in(
     loss: float,
     cell: float,
 ) -> Seen:
-    """Compare a real cloud with its simulation. The correction: `share` is what the own shadow
-    leaves, shape (LiDARs, SECTORS), `factor` is of every box of the log, `loss` is 1 / distance,
-    1/m. `cell` is the edge of a cell, metres."""
+    """Compare a real cloud with its simulation.
+
+    `correction` thins simulated rays; `cell` is the edge of a cell, metres."""
     rows, placement = recording.surroundings.rows(cloud.frame), recording.placement
     boxes = recording.log.boxes[list(GEOMETRY)].to_numpy(np.float64)[rows]
     every = recording.met(cloud.frame)
@@ -83,7 +84,7 @@ def seen_in(
 def _inside(
     points: NDArray[np.float64], boxes: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Points that are in boxes, and the number of the box of each."""
+    """Select points that are in boxes, and return them with the number of the box of each."""
     at, owner = [np.empty((0, 3))], [np.empty(0, np.int64)]
     for number, box in enumerate(boxes):
         near = points[np.abs(points[:, :2] - box[:2]).max(axis=1) <= np.hypot(*box[3:5])]
@@ -94,7 +95,7 @@ def _inside(
 
 
 def _local(points: NDArray[np.float64], box: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points in the frames of their boxes; one box, or one for each point."""
+    """Convert points to the frames of their boxes; one box, or one for each point."""
     box = np.atleast_2d(box)
     x, y, z = (points - box[:, :3]).T
     c, s = np.cos(box[:, 6]), np.sin(box[:, 6])
@@ -104,7 +105,7 @@ def _local(points: NDArray[np.float64], box: NDArray[np.float64]) -> NDArray[np.
 def _cells(
     points: NDArray[np.float64], owner: NDArray[np.integer], boxes: NDArray[np.float64], cell: float
 ) -> NDArray[np.int64]:
-    """Distinct (object, cell), shape (n, 2)."""
+    """Return distinct (object, cell), shape (n, 2)."""
     if not len(points):
         return np.empty((0, 2), np.int64)
     own = boxes[owner]
@@ -123,8 +124,9 @@ def _fates(
     boxes: NDArray[np.float64],
     mount: Mount,
 ) -> NDArray[np.int64]:
-    """How many of the simulated `rays` on each object had each of `FATES`, shape (objects, 4); real
-    `returns` are relative to the LiDAR, in the axes of the ego frame."""
+    """Count the simulated `rays` on each object by `FATES`, shape (objects, 4).
+
+    Real `returns` are relative to the LiDAR, in the axes of the ego frame."""
     from scipy.spatial import cKDTree
 
     fates = np.zeros((len(boxes), len(FATES)), np.int64)

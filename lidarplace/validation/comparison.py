@@ -18,7 +18,7 @@ _FEWEST = 20  # objects of a row of a table
 
 
 def log_ratio(simulated: NDArray[np.float64], real: NDArray[np.float64]) -> NDArray[np.float64]:
-    """log2 of simulated over real points, of objects that have both, shape (those,)."""
+    """Return log2 of simulated over real points, of objects that have both, shape (those,)."""
     both = (real > 0) & (simulated >= 0.5)
     return np.asarray(np.log2(simulated[both] / real[both]))
 
@@ -28,8 +28,9 @@ def scores(
     real: NDArray[np.float64],
     chance: dict[int, NDArray[np.float64]],
 ) -> dict[str, float]:
-    """How far simulated points of objects are from real ones; `chance` is the probability that a
-    simulated object has at least so many points, by `LEAST`.
+    """Score simulated points of objects against real ones.
+
+    `chance` is the probability that a simulated object has at least so many points, by `LEAST`.
 
     Returns objects; ratio of sums; bias, the median of log2 of the ratios; spread, the median of
     its absolute value; within_2, the share within a factor 2; rho, Spearman's, over objects; and
@@ -54,7 +55,7 @@ def _of_some(statistic: Callable[[Any], Any], values: NDArray[Any]) -> float:
 
 
 def rank_correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Spearman's rho; NaN of fewer than 3, or of equal numbers."""
+    """Return Spearman's rho; NaN of fewer than 3, or of equal numbers."""
     if len(a) < 3:
         return np.nan
     return float(pd.Series(a).rank().corr(pd.Series(b).rank()))
@@ -63,8 +64,9 @@ def rank_correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 def chances(
     rays: NDArray[np.float64], expected: NDArray[np.float64]
 ) -> dict[int, NDArray[np.float64]]:
-    """Probability of at least so many points of every object, by `LEAST`, if each of its `rays`
-    returns by itself, `expected` many in all; shape (objects,)."""
+    """Compute the probability of at least so many points of every object, by `LEAST`; (objects,).
+
+    Each of its `rays` returns by itself, `expected` many in all."""
     from scipy.stats import binom
 
     share = np.divide(expected, rays, out=np.zeros_like(expected), where=rays > 0)
@@ -72,10 +74,11 @@ def chances(
 
 
 def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
-    """`scores` of models by distance, class and route; rows of few objects are left out. Objects
-    have columns class, route, distance, world, real, rays/MODEL (of them, before anything gets
-    lost) and points/MODEL. Returns columns model, by (all, distance, class or route), group, those
-    of `scores`, and world, the share of objects in scenes with a static world."""
+    """Score models by distance, class and route; rows of few objects are left out.
+
+    Objects have columns class, route, distance, world, real, rays/MODEL (of them, before anything
+    gets lost) and points/MODEL. Returns columns model, by (all, distance, class or route), group,
+    those of `scores`, and world, the share of objects in scenes with a static world."""
     near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
     band = pd.cut(near["distance"], list(BANDS_M), right=False)
     names = band.map(lambda own: f"{own.left:g} to {own.right:g} m").astype(object)
@@ -101,8 +104,9 @@ def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
 
 
 def floor(objects: pd.DataFrame) -> dict[str, float]:
-    """`scores` of the real points of an object against those in the frame before: no simulation of
-    single frames can be nearer than the world is to itself."""
+    """Score the real points of an object against those in the frame before.
+
+    No simulation of single frames can be nearer than the world is to itself."""
     near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
     own = near.sort_values(["scene", "object_id", "frame"])
     before = own.groupby(["scene", "object_id"])[["real", "frame"]].shift()

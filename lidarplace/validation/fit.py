@@ -1,4 +1,4 @@
-"""What corrects the simulator: a factor by class and a distance, fitted to counts of real points.
+"""Fit of a correction: a factor by class and a distance, from counts of real points.
 
 A ray on an object of class c at range r returns with probability `factor_c exp(-r / distance)`,
 times the share that the LiDAR's own shadow leaves. The fit minimises the mean of
@@ -29,21 +29,23 @@ RESAMPLES = 100  # of tracks, for the intervals
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted loss of returns: a factor by class, OTHER for the rest, and a distance in metres,
-    None where nothing is lost with distance."""
+    """Fitted loss of returns: a factor by class, OTHER for the rest, and a distance.
+
+    The distance is in metres, None where nothing is lost with it."""
 
     factor: dict[str, float]
     distance: float | None
 
     def factors(self, classes: NDArray[np.str_]) -> NDArray[np.float64]:
-        """Of objects of these classes."""
+        """Return the factors of objects of these classes."""
         return np.array([self.factor.get(n, self.factor[OTHER]) for n in classes], np.float64)
 
     def points(
         self, returns: Returns, classes: NDArray[np.str_], shares: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Expected returns of every row of `returns`, shape (N,). `classes` are of the log's boxes,
-        `shares` what shadows leave of every row, shape (N,)."""
+        """Compute expected returns of every row of `returns`, shape (N,).
+
+        `classes` are of the log's boxes, `shares` what shadows leave of every row, shape (N,)."""
         kept = self.factors(classes)[returns.box]
         kept = kept * np.exp(-returns.distance / (self.distance or math.inf)) * shares
         return np.asarray(returns.points * np.minimum(kept, 1.0))
@@ -51,7 +53,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Problem:
-    """What a fit sees: n boxes nearer than `BELOW_M` whose real points are known."""
+    """Counts that a fit sees: n boxes nearer than `BELOW_M` whose real points are known."""
 
     track: NDArray[np.int64]  # number of the track of each
     name: NDArray[np.str_]  # class that decides the factor of each
@@ -60,7 +62,7 @@ class Problem:
 
     @classmethod
     def of(cls, objects: pd.DataFrame, returns: Returns, shares: NDArray[np.float64]) -> "Problem":
-        """From objects, whose index is the row of the box, and what is simulated of them."""
+        """Select objects, whose index is the row of the box, and what is simulated of them."""
         near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
         size = int(max(objects.index.max(), returns.box.max(initial=0))) + 1
         kept = (returns.points * shares * np.exp(-returns.distance / far) for far in DISTANCES_M)
@@ -79,8 +81,9 @@ class Problem:
         return len(np.unique(self.track))
 
     def fit(self, kept: NDArray[np.int64] | None = None) -> Fit:
-        """The correction of the boxes `kept`, some perhaps repeatedly; of all for None. Raises
-        ValueError: none has both real and simulated points."""
+        """Fit the correction of boxes `rows`, some perhaps repeatedly; of all for None.
+
+        Raises ValueError: none has both real and simulated points."""
         if kept is None:
             kept = np.arange(len(self.real))
         real, names = self.real[kept], self.name[kept]
@@ -104,8 +107,9 @@ class Problem:
         return best
 
     def intervals(self, seed: int = 0) -> dict[str, tuple[float, float]]:
-        """95 % intervals of the factors and of the distance, from resampled tracks. An infinite
-        distance is infinite in them, too."""
+        """Compute 95 % intervals of the factors and of the distance, from resampled tracks.
+
+        An infinite distance is infinite in them, too."""
         random = np.random.default_rng(seed)
         order = np.argsort(self.track, kind="stable")
         parts = np.split(order, np.cumsum(np.bincount(self.track))[:-1])
@@ -120,6 +124,6 @@ class Problem:
 
 
 def _factor(simulated: NDArray[np.float64], real: NDArray[np.float64]) -> float:
-    """Median of real over simulated points; 1 where no object has both."""
+    """Return the median of real over simulated points; 1 where no object has both."""
     both = (simulated > 0) & (real > 0)
     return min(float(np.median(real[both] / simulated[both])), MOST_FACTOR) if both.any() else 1.0

@@ -31,7 +31,7 @@ _ANSWERS = {
 
 
 class Table(NamedTuple):
-    """A table; the first column holds words."""
+    """Table of the page; the first column holds words."""
 
     caption: str
     head: Sequence[str]
@@ -72,7 +72,7 @@ def write_page(path: Path, title: str, found: Validation, decision: Verdict) -> 
 
 
 def with_world(found: Validation) -> str:
-    """How many objects had a static world, and the labels left out, in words."""
+    """Say how many objects had a static world, and which labels are left out."""
     without = f"; left out: {', '.join(found.without)}" if found.without else ""
     return f"static world for {found.scores.iloc[0]['world']:.0%} of the objects{without}"
 
@@ -88,7 +88,7 @@ _SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
 
 
 def _score_table(found: Validation, by: str, caption: str) -> Table:
-    """Rows of `comparison`, what is shipped and what is corrected below each other."""
+    """Tabulate rows of `comparison`, as shipped and corrected below each other."""
     rows, shown = found.scores[found.scores["by"] == by], []
     for group in dict.fromkeys(rows["group"]):
         for model, name in _MODELS.items():

@@ -1,5 +1,7 @@
-"""Returns of the recorded rig from every box of a log, as the simulator has them. Where the log has
-no static world there is no ground, as boxes far away stand metres above or below a plane."""
+"""Returns of the recorded rig from every box of a log, as the simulator has them.
+
+Where the log has no static world there is no ground, as boxes far away stand metres above or below
+a plane."""
 
 import math
 from collections.abc import Sequence
@@ -49,8 +51,10 @@ class Met(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A rig in the frames of a log that it recorded. `surroundings` raise ValueError: a box is bad,
-    or a scene with a static world has a frame without a pose."""
+    """A rig in the frames of a log that it recorded.
+
+    `surroundings` raise ValueError: a box is bad, or a scene with a static world has a frame
+    without a pose."""
 
     log: BoxLog
     placement: Placement
@@ -67,7 +71,7 @@ class Recording:
         return ends_in_rig(self.placement, self.vehicle)
 
     def met(self, frame: int) -> list[Met]:
-        """What the rays of each LiDAR meet in a frame. Raises ValueError if it is not listed."""
+        """Cast the rays of each LiDAR in a frame; raise ValueError if it is not listed."""
         parts = body_parts(self.vehicle).and_(self.surroundings.parts(frame, REACH_M))
         world = self.surroundings.world(frame)
         views = zip(self.placement.mounts, self.placement.lidars, self._ends, strict=True)
@@ -115,6 +119,6 @@ def rays_on_objects(
 
 
 def sectors_of(directions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Sector of directions in the frame of a LiDAR, shape (n, 3) to (n,)."""
+    """Return the sectors of directions in the frame of a LiDAR, shape (n, 3) to (n,)."""
     turns = (np.arctan2(directions[:, 1], directions[:, 0]) + math.pi) / (2 * math.pi)
     return np.asarray(np.minimum((turns * SECTORS).astype(np.int64), SECTORS - 1))

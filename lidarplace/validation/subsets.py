@@ -1,4 +1,4 @@
-"""Every subset of a rig's LiDARs is a placement: ranked by real and by simulated values."""
+"""Subsets of a rig's LiDARs as placements: ranked by real and by simulated values."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -18,15 +18,16 @@ _COLUMNS = ["subset", "measure", "class", "objects", *WHAT]
 
 
 def subsets(lidars: int) -> list[tuple[int, ...]]:
-    """Subsets of so many LiDARs, small ones first."""
+    """List the subsets of so many LiDARs, small ones first."""
     sizes = range(1, lidars + 1) if lidars <= MOST_LIDARS else (1, lidars - 1, lidars)
     return [own for size in sizes for own in combinations(range(lidars), size)]
 
 
 def points_by_subset(objects: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
-    """Mean points on an object nearer than `BELOW_M`, of the boxes that every LiDAR was counted in:
-    columns distance, and WHAT/NAME for `WHAT` and every name of a LiDAR. Returns columns subset,
-    measure ("points"), class ("all"), objects, and `WHAT`."""
+    """Compute mean points on an object nearer than `BELOW_M`, of boxes counted by every LiDAR.
+
+    Needs columns distance, and SOURCE/NAME for `SOURCES` and every name of a LiDAR. Returns columns
+    subset, measure ("points"), class ("all"), objects, and `SOURCES`."""
     columns = {what: [f"{what}/{name}" for name in names] for what in WHAT}
     known = objects[objects["distance"] < BELOW_M].dropna(subset=columns["real"])
     rows = []
@@ -44,9 +45,10 @@ def cells_by_subset(
     names: Sequence[str],
     curves: DetectionCurves,
 ) -> pd.DataFrame:
-    """Mean cells of an object that are hit, and its probability to be found, of frames with clouds:
-    as `points_by_subset`, measures "cells" and "expected_recall", by class with a curve at `IOU`.
-    `classes` and `near`, whether a box counts, are of the log's boxes."""
+    """Compute mean cells of an object that are hit, and its probability to be found.
+
+    Of frames with clouds, as `points_by_subset`: measures "cells" and "expected_recall", by class
+    with a curve at `IOU`. `classes` and `near`, whether a box counts, are of the log's boxes."""
     every = np.concatenate([seen.rows for seen in frames] or [np.empty(0, np.int64)])
     of_class = np.where(near[every], classes[every], "")
     known = [str(name) for name in np.unique(of_class) if curves.has(name, IOU)]
@@ -65,14 +67,15 @@ def cells_by_subset(
 
 
 def _counts(seen: Seen, what: str, own: Sequence[int]) -> NDArray[np.int64]:
-    """Distinct cells of every object that LiDARs `own` hit together."""
+    """Count distinct cells of every object that some LiDARs hit together."""
     union = np.unique(np.concatenate([getattr(seen, what)[n] for n in own]), axis=0)
     return np.bincount(union[:, 0], minlength=len(seen.rows))
 
 
 def agreement(table: pd.DataFrame) -> pd.DataFrame:
-    """How alike subsets are ranked: Spearman's rho of real values and of each simulation. Returns
-    columns measure, class, subsets, shipped, corrected; NaN of fewer than 3 subsets."""
+    """Compare rankings of subsets: Spearman's rho of real values and of each simulation.
+
+    Returns columns measure, class, subsets, shipped, corrected; NaN of fewer than 3 subsets."""
     rows = []
     for (measure, name), part in table.groupby(["measure", "class"], sort=False):
         real = part["real"].to_numpy(np.float64)

@@ -33,7 +33,7 @@ WORST = 20  # objects in the table of the worst
 
 @dataclass(frozen=True)
 class Validation:
-    """What was found."""
+    """Results of a validation."""
 
     names: tuple[str, ...]  # of the LiDARs
     correction: CorrectionFile  # fitted to all routes, or the one that was given
@@ -169,7 +169,7 @@ def _check_counts(boxes: pd.DataFrame, folder: Path) -> None:
 
 
 def _left_out(log: BoxLog, without: Sequence[str], folder: Path) -> BoxLog:
-    """The log without the boxes of some objects. Raises InputError if there is no such object."""
+    """Leave out the boxes of some objects; raise InputError if there is no such object."""
     ids = log.boxes["object_id"].astype(str)
     gone: set[str] = set()
     for name in without:
@@ -185,7 +185,7 @@ def _left_out(log: BoxLog, without: Sequence[str], folder: Path) -> BoxLog:
 
 
 def _checked(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
-    """The rig of all scenes that were counted, and the log of these scenes, boxes from 0."""
+    """Return the rig of all scenes that were counted, and the log of these scenes, boxes from 0."""
     table, rigs = folder / "boxes.parquet", folder / "rig.json"
     if not len(log.boxes):
         raise InputError(place=table, expected="boxes with real points", found="no boxes")
@@ -213,8 +213,9 @@ def _checked(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
 
 
 def _objects(log: BoxLog) -> pd.DataFrame:
-    """Boxes with their distance, route and real points. In a log that has classes of `CLASSES`
-    others only hide what is behind them."""
+    """Tabulate boxes with their distance, route and real points.
+
+    In a log that has classes of `CLASSES` others only hide what is behind them."""
     boxes = log.boxes
     own = boxes[["scene", "frame", "object_id", "class", "x", "y", "z"]].copy()
     own["route"] = boxes["frame"].map(log.frames.set_index("frame")["route"])
@@ -248,8 +249,10 @@ def _simulated(
 
 
 def _worst(objects: pd.DataFrame, seen: Sequence[Seen]) -> pd.DataFrame:
-    """Objects whose points differ most after the correction, each in its worst frame, with what
-    became of their rays; where there are clouds those of their frames, whose reason is known."""
+    """List objects whose points differ most after the correction, each in its worst frame.
+
+    With what became of their rays; where there are clouds those of their frames, whose reason is
+    known."""
     table = objects[["scene", "frame", "object_id", "class", "distance", "real"]].copy()
     table["shipped"], table["corrected"] = objects["points/shipped"], objects["points/corrected"]
     for number, fate in enumerate(FATES):
@@ -273,7 +276,7 @@ def _given(file: CorrectionFile) -> Fit:
 
 
 def _masks(file: CorrectionFile, names: Sequence[str]) -> NDArray[np.float64]:
-    """Masks of a file at the middles of sectors, (LiDARs, SECTORS); 1 for LiDARs without one."""
+    """Return masks of a file at the middles of sectors, (LiDARs, SECTORS); 1 without one."""
     middle = (np.arange(SECTORS) + 0.5) / SECTORS * 2 * math.pi - math.pi
     masks = [file.lidars[n].mask if n in file.lidars else None for n in names]
     level = np.zeros(SECTORS)
@@ -281,7 +284,7 @@ def _masks(file: CorrectionFile, names: Sequence[str]) -> NDArray[np.float64]:
 
 
 def _geometry(rig: RecordedRig, file: CorrectionFile | None) -> Placement:
-    """The rig with the rays of a correction, without what it thins."""
+    """Apply the rays of a correction to the rig, without what it thins."""
     if file is None:
         return rig.placement
     lidars = [
@@ -294,7 +297,6 @@ def _geometry(rig: RecordedRig, file: CorrectionFile | None) -> Placement:
 def _file(
     fit: Fit, names: Sequence[str], dark: NDArray[np.float64] | None, facts: dict[str, int]
 ) -> CorrectionFile:
-    """The correction that is written."""
     lidars: dict[str, object] = {name: {} for name in names}
     for name, row in zip(names, () if dark is None else dark, strict=False):
         if (row < 1.0).any():

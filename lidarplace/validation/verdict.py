@@ -1,4 +1,4 @@
-"""May the simulator be believed for this vehicle?"""
+"""Decision whether the simulator can be trusted for a vehicle."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ SHARE = 0.05  # largest difference of the shares of objects with at least 5 poin
 
 
 class Verdict(NamedTuple):
-    """The decision of the page."""
+    """Decision of the page, and its reasons."""
 
     answer: str  # "yes", "with a correction" or "no"
     why: tuple[str, ...]
@@ -53,7 +53,7 @@ def verdict(found: Validation) -> Verdict:
 
 
 def _failed(found: Validation, model: str) -> list[str]:
-    """Checks that are not met, in words."""
+    """List the checks that are not met, in words."""
     row = found.scores.query("model == @model and by == 'all'").iloc[0]
     bias, spread, within, rho = row[["bias", "spread", "within_2", "rho"]]
     share = row["simulated_5"] - row["real_5"]

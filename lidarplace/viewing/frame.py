@@ -1,4 +1,4 @@
-"""What there is to see in one frame of a box log."""
+"""Contents of one frame of a box log."""
 
 from dataclasses import dataclass, replace
 
@@ -20,7 +20,7 @@ from lidarplace.rigs.placement import Placement
 
 @dataclass(frozen=True)
 class Frame:
-    """The surroundings in one frame, in the ego frame: its part of the log, and its row.
+    """Surroundings in one frame, in the ego frame: its part of the log, and its row.
 
     `objects`, rows of `boxes`, and `buildings`, rows of `lidarplace.logs.boxes.GEOMETRY`, (B, 7),
     may reach into the crop; `inside`, (objects,), says which objects have their centre in it."""
@@ -33,7 +33,9 @@ class Frame:
 
 
 def busiest_frame(log: BoxLog, crop: Crop) -> int:
-    """The first of the frames with most boxes in the crop. Raises ValueError without a frame."""
+    """Find the first of the frames with most boxes in the crop.
+
+    Raises ValueError without a frame."""
     if log.frames.empty:
         raise ValueError("the log has no frame")
     inside = centres_in(crop, log.boxes)
@@ -43,7 +45,8 @@ def busiest_frame(log: BoxLog, crop: Crop) -> int:
 
 
 def read_frame(log: BoxLog, number: int, crop: Crop) -> Frame:
-    """What surrounds the vehicle in frame `number`.
+    """Select what surrounds the vehicle in frame `number`.
+
     Raises ValueError: the log has no such frame, a box is bad, or a pose is missing."""
     rows = log.frames[log.frames["frame"] == number]
     if rows.empty:
@@ -74,11 +77,11 @@ def read_cloud(
     misaligned_heights: bool = False,
     vehicle: Vehicle | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8], int, NDArray[np.int64]]:
-    """The cloud of `placement` within the crop and on the ground under it, as a sweep collects it.
+    """Simulate the cloud of `placement` within the crop and on the ground under it, as sweeps do.
 
-    Its points, (n, 3), metres, ego frame, beyond `most` a random choice of them, and the mount of
-    each; the number before, and that on each of `Frame.objects`. The vehicle is a sedan for
-    None."""
+    Returns its points, (n, 3), metres, ego frame, beyond `most` a random choice of them, and the
+    mount of each; the number before, and that on each of `Frame.objects`. The vehicle is a sedan
+    for None."""
     reach = crop_for(crop[::3], crop[1::3], crop[2::3], placement, misaligned_heights)
     numbers = [frame.row["frame"]]
     clouds = collect(frame.log, numbers, placement, reach, 0, misaligned_heights, vehicle=vehicle)
@@ -92,13 +95,13 @@ def read_cloud(
 
 
 def centres_in(crop: Crop, boxes: pd.DataFrame) -> NDArray[np.bool_]:
-    """Whether the centres of boxes are in the crop, faces included."""
+    """Return whether the centres of boxes are in the crop, faces included."""
     centres = boxes[list(GEOMETRY[:3])].to_numpy(np.float64)
     return np.asarray(((centres >= crop[:3]) & (centres <= crop[3:])).all(axis=1))
 
 
 def _near(boxes: NDArray[np.float64], crop: Crop) -> NDArray[np.bool_]:
-    """Whether the spheres around boxes (m, 7) meet the crop."""
+    """Return whether the spheres around boxes (m, 7) meet the crop."""
     outside = boxes[:, :3] - np.clip(boxes[:, :3], crop[:3], crop[3:])
     radius = 0.5 * np.linalg.norm(boxes[:, 3:6], axis=1)
     return np.asarray(np.linalg.norm(outside, axis=1) <= radius)

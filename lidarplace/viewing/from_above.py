@@ -22,7 +22,7 @@ _RECTANGLE = [0, 1, 3, 2, 0]
 
 
 def write_from_above(path: Path, log: BoxLog, title: str) -> None:
-    """Write a page of the first frames of `log` that hold a box. Raises OSError."""
+    """Write a page of the first frames of `log` that hold a box; raise OSError."""
     numbers = log.frames["frame"][log.frames["frame"].isin(log.boxes["frame"])].iloc[:FRAMES]
     notes = [
         "x is forward, y left. Boxes have the colour of their class and a line to their front; the "
@@ -40,12 +40,12 @@ def write_from_above(path: Path, log: BoxLog, title: str) -> None:
 
 
 def _reach(places: pd.Series) -> list[float]:
-    """From the first to the last of the places and the vehicle, and a car's length more."""
+    """Return the ends of the places and the vehicle, and a car's length more."""
     return [min(0.0, places.min()) - 5.0, max(0.0, places.max()) + 5.0]
 
 
 def draw_from_above(log: BoxLog, number: int) -> go.Figure:
-    """The boxes of frame `number`, x forward to the right, y left upwards, equal scales."""
+    """Draw the boxes of frame `number`, x forward to the right, y left upwards, equal scales."""
     row = log.frames[log.frames["frame"] == number].iloc[0]
     boxes = log.boxes[log.boxes["frame"] == number]
     figure = go.Figure(layout={"template": style.theme(False), "hovermode": "closest"})

@@ -32,8 +32,10 @@ PAUSE_S = 1.0
 
 
 def clock(frames: pd.DataFrame) -> NDArray[np.int64]:
-    """When each frame is played, (rows,), nanoseconds: one drive after the other, from 0 on.
-    A drive is a route of a scene. Where a time of it is missing, its frames follow by `STEP_S`."""
+    """Return the time at which each frame is played, (rows,), nanoseconds.
+
+    One drive is played after the other, from 0 on. A drive is a route of a scene. Where a time of
+    it is missing, its frames follow by `STEP_S`."""
     seconds = np.zeros(len(frames))
     start = 0.0
     of_drive = frames.reset_index(drop=True).groupby(["scene", "route"], sort=False)
@@ -84,7 +86,7 @@ def write_mcap(
 
 
 def _transforms(placement: Placement, row: Any, stamp: Any) -> list[FrameTransform]:
-    """Where the LiDARs are on the vehicle, and where it is in the world, if that is known."""
+    """Return the mounts of the LiDARs, and the pose of the vehicle in the world where known."""
     poses = [
         (EGO, f"lidar_{number}", mount.position, Rotation.from_matrix(mount.rotation))
         for number, mount in enumerate(placement.mounts)
@@ -105,7 +107,7 @@ def _transforms(placement: Placement, row: Any, stamp: Any) -> list[FrameTransfo
 
 
 def _cloud(points: NDArray[np.float32], stamp: Any) -> PointCloud:
-    """Points x, y, z, intensity, (n, 4)."""
+    """Write points x, y, z, intensity, (n, 4)."""
     kind = messages.PackedElementFieldNumericType.Float32
     return PointCloud(
         timestamp=stamp,
@@ -121,7 +123,7 @@ def _cloud(points: NDArray[np.float32], stamp: Any) -> PointCloud:
 
 
 def _entity(box: Mapping[Hashable, Any], stamp: Any) -> SceneEntity:
-    """A box in the colour of its class."""
+    """Write a box in the colour of its class."""
     red, green, blue = (int(CLASSES[box["class"]][i : i + 2], 16) / 255 for i in (1, 3, 5))
     at = [box[name] for name in "xyz"]
     cube = messages.CubePrimitive(

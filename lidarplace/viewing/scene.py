@@ -43,7 +43,7 @@ def draw_frame(
     misaligned_heights: bool = False,
     vehicle: Vehicle | None = None,
 ) -> go.Figure:
-    """Frame `number` of `log` as `placement` sees it, in 3D.
+    """Draw frame `number` of `log` as `placement` sees it, in 3D.
 
     Points have the colour of their LiDAR, boxes that of their class, with a line on the roof
     towards the front. ROI, vehicle and buildings are grey. Of a cloud of more than `points` so many
@@ -78,7 +78,7 @@ def draw_frame(
 def _add_objects(
     figure: go.Figure, frame: Frame, on_objects: NDArray[np.int64], colours: Mapping[str, str]
 ) -> None:
-    """A trace of lines for each class, and one of marks at the fronts with a label."""
+    """Add a trace of lines for each class, and one of marks at the fronts with a label."""
     present = frame.objects["class"]
     for name, shade in colours.items():
         own = frame.objects[present == name]

@@ -132,7 +132,8 @@ def _check_seen(traffic: Traffic, clouds: PointClouds, route: str, report: Repor
 
 
 def unhit(boxes: pd.DataFrame, models: pd.Series, clouds: PointClouds) -> tuple[list[str], bool]:
-    """Models that were near `ENOUGH` times and never hit, sorted; and whether nothing was hit.
+    """List models that were near `ENOUGH` times and never hit, sorted; and whether nothing was hit.
+
     `models` has the blueprint of each row of `boxes`, `clouds` are of their frames."""
     near, hit = Counter[str](), Counter[str]()
     index_of = {frame: i for i, frame in enumerate(clouds.frames.tolist())}
@@ -149,7 +150,7 @@ def unhit(boxes: pd.DataFrame, models: pd.Series, clouds: PointClouds) -> tuple[
 
 @contextmanager
 def _whole(folder: Path, out: Path) -> Iterator[Path]:
-    """An empty folder to write to, which takes the place of `folder` at the end."""
+    """Make an empty folder to write to, which takes the place of `folder` at the end."""
     partial = out / "unfinished"
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)

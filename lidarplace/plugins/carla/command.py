@@ -27,7 +27,7 @@ def _named(lidar: object) -> object:
 
 
 class Collection(Settings):
-    """A settings file."""
+    """Settings file of a collection."""
 
     scene: CarlaScene = CarlaScene()
     lidar: Annotated[Lidar, BeforeValidator(_named)] | None = None
@@ -42,8 +42,10 @@ class Collection(Settings):
         return self
 
     def rigs(self) -> dict[str, Placement]:
-        """The placements. Raises ValueError for a name without mounts that is not the paper's, and
-        for LiDARs with what none of CARLA's has."""
+        """Build the placements.
+
+        Raises ValueError for a name without mounts that is not the paper's, and for LiDARs with
+        what none of CARLA's has."""
         lidar = self.lidar or Lidar.paper()
         rigs = {}
         for name, settings in self.placements.items():

@@ -35,8 +35,9 @@ Report = Callable[[str], None]
 
 
 def drive(client: carla.Client, scene: CarlaScene, route: Route, report: Report) -> Traffic:
-    """Record one route, no LiDAR is mounted yet; `report` receives what was left out. Raises
-    ValueError: the town lacks a map, starts or room, or the ego's blueprint is unknown;
+    """Record one route, no LiDAR is mounted yet; `report` receives what was left out.
+
+    Raises ValueError: the town lacks a map, starts or room, or the ego's blueprint is unknown;
     RuntimeError: the server failed."""
     world = load_town(client, route.town)
     traffic_manager = client.get_trafficmanager(scene.traffic_manager_port)
@@ -61,7 +62,7 @@ def drive(client: carla.Client, scene: CarlaScene, route: Route, report: Report)
 def _spawn_vehicles(
     world: carla.World, own: Actors, scene: CarlaScene, route: Route, report: Report
 ) -> list[carla.Actor]:
-    """The ego first, then others of all models at random starts, `scene.density` in all."""
+    """Spawn the ego, then others of all models at random starts, `scene.density` in all."""
     library = world.get_blueprint_library()
     models = sorted(library.filter("vehicle.*"), key=lambda model: model.id)
     ego_model = next((model for model in models if model.id == scene.ego), None)
@@ -97,9 +98,10 @@ def _spawn_vehicles(
 def starts(
     points: Sequence[tuple[float, float]], count: int, scene: CarlaScene, route: Route
 ) -> int:
-    """Index of the `count`-th start of a town. Raises ValueError: the town has fewer. The first is
-    drawn by the scene's seed, each next one lies farthest from those before it, so that the routes
-    cover the town."""
+    """Choose the index of the `count`-th start of a town.
+
+    Raises ValueError: the town has fewer. The first is drawn by the scene's seed, each next one
+    lies farthest from those before it, so that the routes cover the town."""
     if len(points) < count:
         expected = f"{count} starts, one for each route"
         raise InputError(place=route.town, expected=expected, found=len(points))
@@ -122,7 +124,7 @@ def _has_box(actor: carla.Actor) -> bool:
 def _spawn_walkers(
     world: carla.World, own: Actors, scene: CarlaScene, route: Route, report: Report
 ) -> list[carla.Actor]:
-    """Pedestrians at random places of the sidewalks, each on its way to another."""
+    """Spawn pedestrians at random places of the sidewalks, each on its way to another."""
     import carla
 
     library = world.get_blueprint_library()
@@ -200,7 +202,8 @@ def _describe(everybody: Sequence[carla.Actor], scene: CarlaScene) -> pd.DataFra
 def object_class(
     blueprint: str, wheels: int, size: tuple[float, float, float], overrides: Mapping[str, str]
 ) -> str:
-    """Class of an object: "Car", "Cyclist" (the paper's Van and Cyclist), "Pedestrian", or any.
+    """Return the class: "Car", "Cyclist" (the paper's Van and Cyclist), "Pedestrian", or any.
+
     `overrides` by blueprint come first, then `CLASS_OF`. What neither names is Pedestrian if it
     walks, Cyclist on two wheels or over `BOX_TRUCK_M` in all three dimensions, Car otherwise."""
     if named := overrides.get(blueprint) or CLASS_OF.get(blueprint):

@@ -1,4 +1,4 @@
-"""Which category of a data set is which class of the box log: the paper's grouping, or its own.
+"""Classes of the box log by category of a data set: the paper's grouping, or its own names.
 
 In the paper's, Car is everything of a car's size: sedans, pickups, SUVs. Cyclist is its *Van and
 Cyclist*: bicycles, motorcycles, box trucks and the like. What its towns do not have (buses,
@@ -40,7 +40,7 @@ NO_OBSTACLES = ("DontCare", "EGO_VEHICLE")
 
 
 class OwnNames(dict[str, str]):
-    """Every category whose name can be one of a class keeps it; what is no road user is ignored."""
+    """Class map that keeps categories whose name can be a class; NO_ROAD_USERS are ignored."""
 
     def __missing__(self, category: str) -> str:
         return IGNORE if category in NO_ROAD_USERS else category
@@ -50,7 +50,7 @@ class OwnNames(dict[str, str]):
 
 
 def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = False) -> ClassMap:
-    """The class map of a data set, `known`, with what `class_map` says in its place.
+    """Merge the class map of a data set, `known`, with the entries of `class_map`.
 
     With `keep_ignored` ignored categories are `OTHER`, but for `NO_OBSTACLES`. Raises ValueError if
     a category is not text, or a class not a name."""
@@ -64,7 +64,8 @@ def merged(known: ClassMap, class_map: ClassMap | None, keep_ignored: bool = Fal
 
 
 def named_class_map(name: str) -> ClassMap | None:
-    """The class map of a name: None for "paper", `OwnNames` for "own", else that of a YAML file.
+    """Return a class map: None for "paper", `OwnNames` for "own", else that of a YAML file.
+
     Raises OSError if the file cannot be read, ValueError if it is no YAML, or no class map."""
     if name in (PAPER, OWN):
         return None if name == PAPER else OwnNames()
@@ -90,9 +91,10 @@ def classify(
     row: Callable[[int], str],
     ignored: Counter[str] | None,
 ) -> NDArray[np.object_]:
-    """The class of every row of `categories`, or `IGNORE`; shape (rows,), text. Adds to `ignored`
-    how many rows of each ignored category there are. Raises ValueError if a row has no category, or
-    one not in `class_map`; `row` names the row."""
+    """Return the class of every row of `categories`, or `IGNORE`; shape (rows,), text.
+
+    Adds to `ignored` how many rows of each ignored category there are. Raises ValueError if a row
+    has no category, or one not in `class_map`; `row` names the row."""
     values = categories.astype(object)
     if (index := first(values.isna())) is not None:
         raise InputError("missing category", place=row(index))
@@ -112,6 +114,8 @@ def classify(
 
 
 def classified(boxes: pd.DataFrame) -> pd.DataFrame:
-    """The boxes of a log: the columns that it has, by frame, without those to `IGNORE`."""
+    """Drop boxes to `IGNORE`, and sort the others of a log by frame.
+
+    They have the columns of a log, and the counts that `boxes` has."""
     boxes = boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable", ignore_index=True)
     return boxes[[*BOX_COLUMNS, *count_columns(boxes)]]

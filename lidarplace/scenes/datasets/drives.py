@@ -21,10 +21,11 @@ Drive = tuple[pd.DataFrame, pd.DataFrame, RecordedRig | None]
 def drives_in(
     folder: Path, splits: Sequence[str], known: Mapping[str, str], pattern: str, each: str
 ) -> list[tuple[Path, str]]:
-    """Paths of drives in `folder/<split>`, and the split of a box log that each is for. `known`
-    maps folders of the data set to these; without `splits` its first two are meant, or the one that
-    is there. `each` is what there must be for each drive. Raises ValueError if a split is unknown,
-    or a folder has no path of the pattern."""
+    """List the drives in `folder/<split>`, and the split of a box log that each is for.
+
+    `known` maps folders of the data set to these; without `splits` its first two are meant, or the
+    one that is there. `each` is what there must be for each drive. Raises ValueError if a split is
+    unknown, or a folder has no path of the pattern."""
     if unknown := [split for split in splits if split not in known]:
         raise InputError(place="--split", expected=", ".join(known), found=repr(unknown[0]))
     usual, drives = [*known][:2], []
@@ -39,7 +40,7 @@ def drives_in(
 
 
 def join_drives(drives: Sequence[tuple[Path, str]], read: Callable[[Path, int], Drive]) -> BoxLog:
-    """The box log of drives; `read` has a path, and the number of the first frame."""
+    """Join drives as a box log; `read` has a path, and the number of the first frame."""
     boxes: list[pd.DataFrame] = []
     frames: list[pd.DataFrame] = []
     rigs: dict[str, RecordedRig] = {}
@@ -56,7 +57,9 @@ def join_drives(drives: Sequence[tuple[Path, str]], read: Callable[[Path, int], 
 def recorded_rig(
     name: str, names: Sequence[str], sensors: Poses, lidars: Sequence[Lidar]
 ) -> RecordedRig:
-    """A rig of sensors posed in our ego frame, `names`, `sensors` and `lidars` in one order."""
+    """Build a rig of sensors posed in our ego frame.
+
+    `names`, `sensors` and `lidars` are in one order."""
     matrices = sensors.rotation.as_matrix().reshape(-1, 3, 3)
     mounts = [
         Mount(x, y, z, *angles(matrix))

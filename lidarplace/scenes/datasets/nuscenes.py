@@ -41,7 +41,7 @@ def read_nuscenes(
     lidar: Lidar | None = None,
     keep_ignored: bool = False,
 ) -> BoxLog:
-    """The annotated samples (key frames) of nuScenes as a box log.
+    """Read the annotated samples (key frames) of nuScenes as a box log.
 
     Frames count through the log, scene by scene in the order of their names; `route` numbers the
     scenes. Pitch and roll of boxes and of the road are lost. Boxes have `num_lidar_pts` as
@@ -94,8 +94,9 @@ def read_nuscenes(
 
 
 def in_ego(box: Table, ego: Poses) -> dict[str, NDArray[np.float64]]:
-    """Columns of `GEOMETRY` from `translation`, `size` and `rotation` of boxes in the world. `ego`
-    is our ego frame of every row. Raises ValueError that names file, row and value."""
+    """Return columns of `GEOMETRY` from `translation`, `size` and `rotation` of boxes in the world.
+
+    `ego` is our ego frame of every row. Raises ValueError that names file, row and value."""
     size = box.numbers("size", 3)
     if (row := first((size < 0).any(axis=1))) is not None:
         found = size[row].tolist()
@@ -105,7 +106,6 @@ def in_ego(box: Table, ego: Poses) -> dict[str, NDArray[np.float64]]:
 
 
 def _tables(folder: Path, version: str | None) -> Path:
-    """The folder of the tables."""
     folder = folder / (version or "")
     if (folder / "scene.json").exists():
         return folder
@@ -120,7 +120,7 @@ def _tables(folder: Path, version: str | None) -> Path:
 def _frames(
     folder: Path, scene: Table, sample: Table, sweep: Table, test_scenes: Sequence[str] | float
 ) -> tuple[pd.DataFrame, NDArray[np.int64], Poses]:
-    """The table of frames, the frame of every sample, and our ego pose by frame."""
+    """Return the table of frames, the frame of every sample, and our ego pose by frame."""
     names = np.array(scene.columns["name"], dtype=object)
     order = np.argsort(names, kind="stable")
     route_of = np.argsort(order)[sample.rows_in(scene, "scene_token")]
@@ -148,7 +148,7 @@ def _frames(
 def _test(
     scene: Table, order: NDArray[np.int64], test_scenes: Sequence[str] | float
 ) -> NDArray[np.bool_]:
-    """Whether each row of `scene` is test; a share takes recordings at even distances."""
+    """Return whether each row of `scene` is test; a share takes recordings at even distances."""
     names, logs = scene.columns["name"], scene.columns["log_token"]
     if not isinstance(test_scenes, float | int):
         if unknown := [name for name in test_scenes if name not in names]:
@@ -163,7 +163,7 @@ def _test(
 
 
 def _sweeps(folder: Path, sample: Table) -> Table:
-    """The rows of `sample_data` that are the key frames of `LIDAR`, by row of `sample`."""
+    """Return the rows of `sample_data` that are the key frames of `LIDAR`, by row of `sample`."""
     sensor = read_table(folder / "sensor.json", ("channel",))
     calibrated = read_table(folder / "calibrated_sensor.json", ("sensor_token",))
     tokens = ("sample_token", "ego_pose_token", "calibrated_sensor_token")
@@ -184,14 +184,13 @@ def _sweeps(folder: Path, sample: Table) -> Table:
 def _poses(
     folder: Path, name: str, sweep: Table, origin: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> Poses:
-    """Poses in the table `name`, less `origin`, by row of `sweep`."""
+    """Return poses in the table `name`, less `origin`, by row of `sweep`."""
     pose = read_table(folder / f"{name}.json", ("translation", "rotation"))
     pose = pose.take(sweep.rows_in(pose, f"{name}_token"))
     return poses(pose.numbers("translation", 3) - origin, pose.numbers("rotation", 4), pose.row)
 
 
 def _categories(folder: Path, box: Table) -> pd.Series:
-    """The category of every row of `box`."""
     instance = read_table(folder / "instance.json", ("category_token",))
     category = read_table(folder / "category.json", ("name",))
     of_instance = instance.rows_in(category, "category_token")

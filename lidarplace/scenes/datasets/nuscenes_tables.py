@@ -31,11 +31,13 @@ class Table:
         return len(self.columns["token"])
 
     def row(self, index: int) -> str:
-        """File and token of a row, for messages."""
+        """Return file and token of a row, for messages."""
         return f"{self.path}: token {self.columns['token'][index]}"
 
     def numbers(self, name: str, *shape: int) -> NDArray[np.float64]:
-        """A column of finite numbers, or of lists of so many: (rows, *shape). Raises ValueError."""
+        """Return a column of finite numbers, or of lists of so many: (rows, *shape).
+
+        Raises ValueError."""
         values = self.columns[name]
         if not values:
             return np.empty((0, *shape))
@@ -54,8 +56,9 @@ class Table:
                 raise InputError(place=where, key=name, expected=wanted, found=reprlib.repr(value))
 
     def rows_in(self, other: "Table", name: str) -> NDArray[np.int64]:
-        """Which row of `other` the tokens in column `name` point at; (rows,), int64. Raises
-        ValueError if `other` lacks a row, or has two for a token."""
+        """Return the rows of `other` that the tokens in column `name` point at; (rows,), int64.
+
+        Raises ValueError if `other` lacks a row, or has two for a token."""
         index = pd.Index(other.columns["token"], dtype=object)
         if (twice := first(index.duplicated())) is not None:
             raise InputError("duplicate token", place=other.row(twice))
@@ -66,13 +69,13 @@ class Table:
         return np.asarray(rows, np.int64)
 
     def take(self, rows: NDArray[np.int64]) -> "Table":
-        """The rows with these numbers."""
+        """Return the rows with these numbers."""
         taken = {name: [column[i] for i in rows] for name, column in self.columns.items()}
         return Table(self.path, taken)
 
 
 def _floats(value: Any, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
-    """Finite numbers of a shape; None for something else."""
+    """Return finite numbers of a shape; None for something else."""
     found = np.array(value, object)
     if bool in set(map(type, found.ravel().tolist())):
         return None
@@ -84,8 +87,9 @@ def _floats(value: Any, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
 
 
 def read_table(path: Path, names: Sequence[str]) -> Table:
-    """Columns `token` and `names` of a table. Raises ValueError if the file is missing, or not
-    a JSON list of objects with these columns."""
+    """Read columns `token` and `names` of a table.
+
+    Raises ValueError if the file is missing, or not a JSON list of objects with these columns."""
     names = ("token", *names)
     # Rows become tuples while they are read: all columns as dicts would take half as much again.
     try:
@@ -102,7 +106,6 @@ def read_table(path: Path, names: Sequence[str]) -> Table:
 
 
 def _lack_of(name: str, path: Path) -> InputError:
-    """Where a column is missing."""
     rows = read_json(path)
     for number, row in enumerate(rows if isinstance(rows, list) else ()):
         place = f"{path}: row {number}"

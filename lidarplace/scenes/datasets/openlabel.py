@@ -31,13 +31,14 @@ def read_openlabel(
     class_map: ClassMap | None = None,
     ignored: Counter[str] | None = None,
 ) -> BoxLog:
-    """The cuboids of a file, or of all `.json` files of a folder, as one box log.
+    """Read the cuboids of a file, or of all `.json` files of a folder, as one box log.
 
     A file is a scene and a route, called by its name; its frames are those that it lists. An object
     without a cuboid in a frame has none there; one whose cuboid is given once is in all its frames.
     Where transforms lead from the vehicle to the root of its coordinate systems, frames have poses.
 
     Args:
+        source: the file, or the folder of files.
         origin: where the file's vehicle frame starts in our ego frame, x, y, z in metres.
         vehicle: name of the vehicle's coordinate system; None: the one of type `local_cs`.
         seconds: what the unit of a time stamp that is a number lasts. Others are dates of ISO 8601.
@@ -78,7 +79,7 @@ def read_openlabel(
 def _frames(
     content: Content, vehicle: str, origin: Sequence[float], seconds: float
 ) -> pd.DataFrame:
-    """Frames of a drive, numbered from 0, and where our ego frame was; NaN where not known."""
+    """Number frames of a drive from 0, and place our ego frame in them; NaN where not known."""
     root, seen, systems = vehicle, {vehicle}, content.coordinate_systems
     while root in systems and (parent := systems[root].parent) and parent not in seen:
         root = parent
@@ -102,7 +103,7 @@ def _frames(
 
 
 def _vehicle(content: Content, name: str | None) -> str:
-    """The name of the vehicle's coordinate system."""
+    """Return the name of the vehicle's coordinate system."""
     systems = content.coordinate_systems
     found = [each for each, system in systems.items() if system.type == VEHICLE]
     if name is None and len(found) == 1:
@@ -115,7 +116,7 @@ def _vehicle(content: Content, name: str | None) -> str:
 
 
 def _time(stamp: str | float | None, seconds: float) -> float:
-    """A time stamp in seconds, NaN if there is none."""
+    """Convert a time stamp to seconds, NaN if there is none."""
     if stamp is None:
         return math.nan
     for unit, read in ((seconds, float), (1.0, lambda date: pd.Timestamp(date).timestamp())):
@@ -126,7 +127,7 @@ def _time(stamp: str | float | None, seconds: float) -> float:
 
 
 def _boxes(content: Content, vehicle: str) -> pd.DataFrame:
-    """Boxes of a drive: `row` of the frame, `object_id`, `type` and `GEOMETRY` in the vehicle."""
+    """List boxes of a drive: `row` of the frame, `object_id`, `type`, `GEOMETRY` in the vehicle."""
     rows = [
         (row, *box)
         for row, number in enumerate(sorted(content.frames))
@@ -139,7 +140,7 @@ def _boxes(content: Content, vehicle: str) -> pd.DataFrame:
 def _boxes_of_frame(
     content: Content, number: int, vehicle: str
 ) -> Iterator[tuple[str | float, ...]]:
-    """Object, type and geometry of every box of a frame, in the vehicle's system."""
+    """Return object, type and geometry of every box of a frame, in the vehicle's system."""
     frame = content.frames[number]
     systems = Systems(content, frame)
     to_vehicle: dict[str, Matrix] = {}

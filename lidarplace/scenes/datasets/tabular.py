@@ -45,7 +45,7 @@ def read_tabular(
     class_map: ClassMap | None = None,
     ignored: Counter[str] | None = None,
 ) -> BoxLog:
-    """A table of boxes, and what there is about their frames, as a box log.
+    """Read a table of boxes, and what there is about their frames, as a box log.
 
     Boxes need `frame` (whole numbers), `class` and the columns of `GEOMETRY`; they may have
     `scene`, `timestamp_s` and `object_id` (else each box is an object of its own), and the real
@@ -99,8 +99,9 @@ def _found(folder: Path, name: str) -> Path:
 
 
 def read_table(path: Path, texts: Iterable[str] = TEXT) -> pd.DataFrame:
-    """The table in a Parquet or a CSV file; `texts` are columns in which `007` stays text. Raises
-    ValueError if the file cannot be read, or has another suffix."""
+    """Read a table in a Parquet or a CSV file; `texts` are columns in which `007` stays text.
+
+    Raises ValueError if the file cannot be read, or has another suffix."""
     if path.suffix.lower() not in SUFFIXES:
         expected = f"a name that ends in {' or '.join(SUFFIXES)}"
         raise InputError(place=path, expected=expected, fix=other_reader(path))
@@ -110,7 +111,7 @@ def read_table(path: Path, texts: Iterable[str] = TEXT) -> pd.DataFrame:
 
 
 def _boxes(path: Path) -> pd.DataFrame:
-    """The table of boxes, checked but for the class."""
+    """Read the table of boxes, checked but for the class."""
     boxes = read_table(path)
     _check(boxes, ("frame", "class", *GEOMETRY), (*GEOMETRY, "timestamp_s"), path)
     columns.sizes(boxes, SIZE, str(path))
@@ -122,8 +123,9 @@ def _boxes(path: Path) -> pd.DataFrame:
 
 
 def _check(table: pd.DataFrame, needed: Sequence[str], numeric: Sequence[str], path: Path) -> None:
-    """Make `frame` and `numeric` columns numbers, and see that no text is missing. A `timestamp_s`
-    of which nothing is known, as this reader itself leaves it, is dropped."""
+    """Make `frame` and `numeric` columns numbers, and see that no text is missing.
+
+    A `timestamp_s` of which nothing is known, as this reader itself leaves it, is dropped."""
     if "timestamp_s" in table and table["timestamp_s"].isna().all():
         del table["timestamp_s"]
     fix = "`lidarplace convert table FILE --propose MAP.yaml` maps other names"
@@ -138,7 +140,7 @@ def _check(table: pd.DataFrame, needed: Sequence[str], numeric: Sequence[str], p
 
 
 def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
-    """The table of frames at `path`, which must list those of the boxes."""
+    """Read the table of frames at `path`, which must list those of the boxes."""
     frames = read_table(path)
     needed = boxes.columns.intersection([*OF_FRAMES])
     known = {*frames.columns}
@@ -153,7 +155,7 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
 
 
 def _counted(boxes: pd.DataFrame, count: int, source: Path) -> pd.DataFrame:
-    """The frames of the boxes, and empty ones after them that make it `count`."""
+    """List the frames of the boxes, and empty ones after them that make it `count`."""
     FRAMES.check("frames", count)
     own = boxes[["frame", *boxes.columns.intersection([*OF_FRAMES])]].drop_duplicates("frame")
     if len(own) > count:
@@ -167,7 +169,7 @@ def _counted(boxes: pd.DataFrame, count: int, source: Path) -> pd.DataFrame:
 
 
 def _complete(frames: pd.DataFrame, poses: Sequence[str] = ()) -> pd.DataFrame:
-    """All columns of frames, in the order of their numbers."""
+    """Add missing columns of frames, and sort these by their numbers."""
     for name, value in (("scene", LOG), ("timestamp_s", np.nan), ("split", "train")):
         if name not in frames:
             frames[name] = value

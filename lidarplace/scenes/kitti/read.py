@@ -35,18 +35,18 @@ _NUMBERS = 14  # fields of a line after the type, without the score
 
 
 def frame_name(frame: int) -> str:
-    """The name of the files of a frame, without suffix."""
+    """Name the files of a frame, without suffix."""
     return f"{frame:06d}"
 
 
 def part(folder: Path, name: str) -> Path:
-    """The folder `name` of a data set, which lies in `training` or in `folder` itself."""
+    """Return the folder `name` of a data set, which lies in `training` or in `folder` itself."""
     training = folder / "training"
     return (training if training.is_dir() else folder) / name
 
 
 def fault(error: ValueError, skipped: list[str] | None) -> None:
-    """Add to what is skipped, if that is asked for; otherwise raise the error."""
+    """Add an error to those skipped, or raise it where none are."""
     if skipped is None:
         raise error
     skipped.append(str(error))
@@ -63,7 +63,7 @@ def read_kitti(
     lidar: Lidar | None = None,
     keep_ignored: bool = False,
 ) -> BoxLog:
-    """The frames of a KITTI-format folder as a box log.
+    """Read the frames of a KITTI-format folder as a box log.
 
     `label_2` and `calib` lie in `folder` or in `folder/training`, `ImageSets` in `folder`. The
     frames are those of `ImageSets/train.txt` and `val.txt`, the latter in the split test;
@@ -129,7 +129,7 @@ def read_kitti(
 
 
 def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
-    """Columns frame, timestamp_s, split, route; sorted by frame."""
+    """List the frames: columns frame, timestamp_s, split, route; sorted by frame."""
     labels = part(folder, "label_2")
     if (tracking := part(folder, "label_02")).is_dir() and not labels.is_dir():
         problem = "KITTI's tracking layout, a file a drive; only the object layout is read"
@@ -170,7 +170,7 @@ def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Those of a text file that are not empty, stripped, with their numbers from 1."""
+    """Yield the lines of a text file that are not empty, stripped, with their numbers from 1."""
     text = regular(path).read_text(errors="replace")
     lines = enumerate((line.strip() for line in text.splitlines()), start=1)
     return ((number, line) for number, line in lines if line)
@@ -187,8 +187,9 @@ def read_labels(
     skipped: list[str] | None = None,
     fields_of_line: Sequence[int] = (_NUMBERS + 1, _NUMBERS + 2),
 ) -> list[tuple[int, str, list[float]]]:
-    """Line, type and numbers, 14 and maybe a score, of the boxes of a file; counts those ignored.
-    Raises ValueError that names file and line, unless `skipped` gets it."""
+    """Read the boxes of a file: line, type, and numbers, 14 and maybe a score.
+
+    Counts those ignored. Raises ValueError that names file and line, unless `skipped` gets it."""
     wanted = " or ".join(map(str, fields_of_line))
     found = []
     for number, line in _lines(path):
@@ -218,7 +219,8 @@ def read_labels(
 def in_ego(
     labels: NDArray[np.float64], to_ego: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Columns of `GEOMETRY` from height, width, length, x, y, z, rotation_y; shapes (B, 7).
+    """Return columns of `GEOMETRY` from height, width, length, x, y, z, rotation_y; shapes (B, 7).
+
     `to_ego` (B, 3, 4) may be tilted: centre and heading are turned as vectors, and the box is set
     upright about its centre."""
     height, width, length, x, y, z, rotation_y = labels.T

@@ -98,7 +98,7 @@ def _write_frames(
 
 
 def black_png(width: int, height: int) -> bytes:
-    """A black RGB image in PNG's format, in some kilobytes (ISO/IEC 15948)."""
+    """Draw a black RGB image in PNG's format, in some kilobytes (ISO/IEC 15948)."""
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     rows = zlib.compress(bytes(height * (1 + 3 * width)), 9)
     image = b"\x89PNG\r\n\x1a\n"

@@ -1,4 +1,4 @@
-"""From time stamps to frames, from recordings to routes and splits."""
+"""Frames from time stamps, routes and splits from recordings."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,8 @@ DRIVE = "log"  # scene of a file that has no column of drives
 
 
 class Stamps(NamedTuple):
-    """When each row is: name of the drive, (rows,), and time in the file's own unit, (rows,).
+    """Drive and time of each row: its name, and the file's own unit; both (rows,).
+
     Doubles hold microseconds of our epoch exactly, nanoseconds to a quarter of a microsecond."""
 
     drive: NDArray[np.object_]
@@ -27,7 +28,7 @@ class Stamps(NamedTuple):
 def read_stamps(
     table: pd.DataFrame, drive: str | None, stamp: str, whole: bool, source: str
 ) -> Stamps:
-    """Drive and time (or, if `whole`, frame number) of every row. Raises ValueError."""
+    """Read drive and time (or, if `whole`, frame number) of every row; raise ValueError."""
     names = np.full(len(table), DRIVE, object) if drive is None else texts(table, drive, source)
     values = integers(table, stamp, source) if whole else numbers(table, [stamp], source)[:, 0]
     return Stamps(names, values.astype(np.float64))
@@ -36,10 +37,11 @@ def read_stamps(
 def frames_of(
     stamps: Stamps, mapping: TableMapping, source: str
 ) -> tuple[pd.DataFrame, NDArray[np.int64]]:
-    """The table of frames, and the frame number of every row. Frames have `FRAME_COLUMNS`, and
-    `stamp` in the file's own unit. Numbers count through the drives in the order of their names.
-    Raises ValueError if time stamps do not keep the rate, or a drive of the mapping is not
-    there."""
+    """Make the table of frames, and return it with the frame number of every row.
+
+    Frames have `FRAME_COLUMNS`, and `stamp` in the file's own unit. Numbers count through the
+    drives in the order of their names. Raises ValueError if time stamps do not keep the rate, or a
+    drive of the mapping is not there."""
     drives, route = np.unique(stamps.drive.astype(str), return_inverse=True)
     split = _splits(drives, mapping, source)
     of_row = np.zeros(len(route), np.int64)
@@ -62,7 +64,7 @@ def frames_of(
 def _frames_of_drive(
     value: NDArray[np.float64], mapping: TableMapping, source: str
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Stamps of the frames of one drive, and which of them each row is in."""
+    """Return stamps of the frames of one drive, and which of them each row is in."""
     rate = mapping.frames.rate_hz
     times, of_row = np.unique(value, return_inverse=True)
     if rate is None:
@@ -90,7 +92,6 @@ def _frames_of_drive(
 
 
 def _splits(drives: NDArray[np.str_], mapping: TableMapping, source: str) -> dict[str, str]:
-    """The split of every drive."""
     train, test = mapping.drives.train, mapping.drives.test
     for key, names in (("train", train or ()), ("test", test)):
         if missing := [name for name in names if name not in drives]:

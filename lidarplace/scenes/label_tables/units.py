@@ -30,7 +30,7 @@ class Guess(NamedTuple):
 
 
 def guess_angle(name: str, values: NDArray[np.float64]) -> Guess:
-    """The unit of a yaw."""
+    """Guess the unit of a yaw."""
     if (told := unit_in(name)) in RADIANS:
         return Guess(told, "by its name")
     largest = np.nanmax(np.abs(values), initial=0.0)
@@ -43,7 +43,7 @@ def guess_angle(name: str, values: NDArray[np.float64]) -> Guess:
 
 
 def guess_length(name: str, median: float, limits: tuple[float, float], what: str) -> Guess:
-    """The unit of lengths whose median is `median`; from `limits` on they are cm, and mm."""
+    """Guess the unit of lengths by their median; from `limits` on they are cm, and mm."""
     if (told := unit_in(name)) in METRES:
         return Guess(told, "by its name")
     unit = "m" if not median >= limits[0] else "cm" if median < limits[1] else "mm"
@@ -51,7 +51,7 @@ def guess_length(name: str, median: float, limits: tuple[float, float], what: st
 
 
 def guess_time(name: str, largest: float, step: float) -> Guess:
-    """The unit of time stamps up to `largest`, `step` apart in the median."""
+    """Guess the unit of time stamps up to `largest`, `step` apart in the median."""
     if (told := unit_in(name)) in SECONDS:
         return Guess(told, "by its name")
     for epoch, size in EPOCH.items():
@@ -64,19 +64,19 @@ def guess_time(name: str, largest: float, step: float) -> Guess:
 
 
 def plain(name: str) -> str:
-    """A name in lower case with underscores: `posX [mm]` is `pos_x_mm`, `Höhe` is `hohe`."""
+    """Write a name in lower case with underscores: `posX [mm]` is `pos_x_mm`, `Höhe` is `hohe`."""
     bare = "".join(c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))
     apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", bare)
     return re.sub(r"[^a-z0-9]+", "_", apart.lower()).strip("_")
 
 
 def unit_in(name: str) -> str:
-    """The unit at the end of a name, `mm` of `length_mm`; empty if there is none."""
+    """Return the unit at the end of a name, `mm` of `length_mm`; empty if there is none."""
     rest, _, last = plain(name).rpartition("_")
     unit = "deg" if last == "degrees" else last
     return unit if rest and unit in METRES | RADIANS | SECONDS else ""
 
 
 def without_unit(name: str) -> str:
-    """The plain name without its unit."""
+    """Return the plain name without its unit."""
     return plain(name).rpartition("_")[0] if unit_in(name) else plain(name)

@@ -51,7 +51,7 @@ def new_counts(rows: int, old: CellCounts | None = None) -> CellCounts:
 
 @inner
 def _slot(table, keys, key):
-    """Where in the table a block is, or would be."""
+    """Find the place in the table where a block is, or would be."""
     slot = np.int64((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(20)) % len(table)
     while table[slot] >= 0 and keys[table[slot]] != key:
         slot = slot + np.int64(1) if slot + 1 < len(table) else np.int64(0)
@@ -73,7 +73,6 @@ def list_rows(counts):
 
 @inner
 def _key(i, j, k):
-    """Key of the block (i, j, k)."""
     tile = (i // TILE + HALF_TILES) * 2 * HALF_TILES + j // TILE + HALF_TILES
     return (tile * TILE**2 + i % TILE * TILE + j % TILE) * 2 * HALF_LEVELS + k + HALF_LEVELS
 
@@ -129,7 +128,7 @@ def _count_hit(cell, shares, intensity, frame):
 
 @inner
 def _widened(ends, place, first):
-    """From where to where points are along an axis, one at `place` too, as in `CellCounts`."""
+    """Add a place to the range of those along an axis, packed as in `CellCounts`."""
     low, high = (place, place) if first else (np.int64(ends & 255), np.int64(ends >> 8))
     return np.uint16(min(low, place) | max(high, place) << 8)
 
@@ -227,7 +226,7 @@ def _pass_block(cells, start, way, block, step, enter, leave):
 
 @inner
 def _extent(cell, axis):
-    """From where to where along an axis something is in a cell, as shares of its edge.
+    """Estimate the ends of what is in a cell along an axis, as shares of its edge.
 
     Few points do not reach to its ends: of n at random a share (n - 1) / (n + 1) is between them.
     """
@@ -241,7 +240,7 @@ def _extent(cell, axis):
 
 @inner
 def _through_middle(cell, x, y, z, way):
-    """Whether a ray passes what is in a cell at half of its size, a quarter of its section."""
+    """Test whether a ray passes what is in a cell at half of its size, a quarter of its section."""
     near, far = -np.inf, np.inf
     for axis, start, slope in ((_X, x, way[0]), (_Y, y, way[1]), (_Z, z, way[2])):
         low, high = _extent(cell, axis)

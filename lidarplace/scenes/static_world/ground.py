@@ -111,7 +111,7 @@ def _spread(keys, low, heights, queue, queued):
 
 @inner
 def _is_level(keys, heights, low, i, j):
-    """Whether a column that starts at `low` is as high as most of the ground around."""
+    """Test whether a column that starts at `low` is as high as most of the ground around."""
     balance = 0
     for a in range(-_AROUND, _AROUND + 1):
         for b in range(-_AROUND, _AROUND + 1):
@@ -144,7 +144,7 @@ def _fill_gaps(keys, heights):
 
 @inner
 def _column_at(keys, i, j):
-    """Where a column is among those of tiles, whose `keys` ascend; -1 if in none of them."""
+    """Find a column among those of tiles, whose `keys` ascend; -1 if in none of them."""
     key = (i // TILE + HALF_TILES) * 2 * HALF_TILES + j // TILE + HALF_TILES
     at = np.searchsorted(keys, key)
     if at == len(keys) or keys[at] != key:

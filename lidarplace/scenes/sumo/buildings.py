@@ -18,12 +18,13 @@ if TYPE_CHECKING:
 
 
 Rectangles = NDArray[np.float64]
-"""On the ground: x, y, yaw, half of the length, half of the width; (P, 5)."""
+"""Rectangles on the ground: x, y, yaw, half of the length, half of the width; (P, 5)."""
 
 
 def overlaps(traffic: Trajectories) -> NDArray[np.int64]:
-    """All pairs of road users on one level whose rectangles on the ground meet. Shape (P, 3),
-    int64: recorded step, and the two indices, ascending."""
+    """Find all pairs of road users on one level whose rectangles on the ground meet.
+
+    Shape (P, 3), int64: recorded step, and the two indices, ascending."""
     half = np.array([(user.length, user.width) for user in traffic.users]) / 2
     radius = np.hypot(*half.T)
     reach = radius[:, None] + radius
@@ -39,8 +40,10 @@ def overlaps(traffic: Trajectories) -> NDArray[np.int64]:
 
 
 def rectangles_meet(a: Rectangles, b: Rectangles) -> NDArray[np.bool_]:
-    """Whether the n-th of `a` and the n-th of `b` share a point, shape (P,). Two convex shapes are
-    apart exactly if some edge's normal separates them; rectangles have two normals each."""
+    """Return whether the n-th of `a` and the n-th of `b` share a point, shape (P,).
+
+    Two convex shapes are apart exactly if some edge's normal separates them; rectangles have two
+    normals each."""
     dx, dy, turn = (b - a)[:, :3].T
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
     meet = np.ones(len(a), bool)
@@ -65,9 +68,10 @@ REACH_M = 80.0  # buildings farther from every recorded pose are left out
 
 
 def build_along(network: Net, seed: int, name: str, lefthand: bool = False) -> pd.DataFrame:
-    """Buildings of the town `name`, columns `BUILDING_COLUMNS`, in the frame of the network. The
-    log is flat, so all stand on z = 0, and none over or under a bridge. `network` was read with its
-    junctions' inner lanes; `lefthand` says that vehicles keep left."""
+    """Place the buildings of town `name`, columns `BUILDING_COLUMNS`, in the frame of the network.
+
+    The log is flat, so all stand on z = 0, and none over or under a bridge. `network` was read with
+    its junctions' inner lanes; `lefthand` says that vehicles keep left."""
     rng = np.random.default_rng(seed)
     roads, polygons = _roads(network)
     edges = sorted(network.getEdges(withInternal=False), key=lambda edge: edge.getID())
@@ -92,7 +96,7 @@ def build_along(network: Net, seed: int, name: str, lefthand: bool = False) -> p
 
 
 def within_reach(buildings: pd.DataFrame, positions: NDArray[np.float64]) -> pd.DataFrame:
-    """Buildings of which some part may be within `REACH_M` of one of `positions`, (F, 2)."""
+    """Select buildings of which some part may be within `REACH_M` of one of `positions`, (F, 2)."""
     distance, _ = cKDTree(positions).query(buildings[["x", "y"]].to_numpy(np.float64))
     radius = np.hypot(buildings["length"], buildings["width"]) / 2
     near = np.asarray(distance) - radius <= REACH_M
@@ -100,7 +104,7 @@ def within_reach(buildings: pd.DataFrame, positions: NDArray[np.float64]) -> pd.
 
 
 def _sides(edge: Edge, ends: set[tuple[str, str]]) -> tuple[int, ...]:
-    """Sides of an edge for buildings: -1 the kerb's, 1 the other, where no traffic comes back."""
+    """Return sides of an edge with buildings: -1 the kerb's, 1 the other without a way back."""
     back = (edge.getToNode().getID(), edge.getFromNode().getID())
     return (-1,) if back in ends or _drive_lanes(edge) >= BROAD else (-1, 1)
 
@@ -118,7 +122,7 @@ def _frontage(
     gaps: tuple[float, float],
     rng: np.random.Generator,
 ) -> list[tuple[float, float, float, float, float]]:
-    """Buildings side by side along one side of an edge: x, y, yaw, half length, half depth."""
+    """Line one side of an edge with buildings: x, y, yaw, half length, half depth."""
     lanes = edge.getLanes()
     lane = lanes[0] if side < 0 else lanes[-1]
     left = -side if lefthand else side
@@ -146,9 +150,10 @@ def _frontage(
 
 
 def _roads(network: Net) -> tuple[Rectangles, list[NDArray[np.float64]]]:
-    """What is kept free: rectangles, and polygons. Every piece of every lane and crossing, with its
-    width; and the outlines of junctions and walking areas, once as polygons and once as rectangles
-    without width."""
+    """Return the ground that is kept free, as rectangles and polygons.
+
+    Every piece of every lane and crossing, with its width; and the outlines of junctions and
+    walking areas, once as polygons and once as rectangles without width."""
     pieces: list[NDArray[np.float64]] = []
     polygons = [
         np.array(node.getShape(), np.float64)[:, :2]
@@ -175,7 +180,7 @@ def _roads(network: Net) -> tuple[Rectangles, list[NDArray[np.float64]]]:
 
 
 def _pairs(own: Rectangles, others: Rectangles) -> NDArray[np.int64]:
-    """Indices (P, 2) of rectangles of both that meet."""
+    """Return indices (P, 2) of rectangles of both that meet."""
     found = [np.empty((0, 2), np.int64)]
     if len(own) and len(others):
         radius, radii = (np.hypot(*each[:, 3:].T) for each in (own, others))
@@ -191,12 +196,11 @@ def _pairs(own: Rectangles, others: Rectangles) -> NDArray[np.int64]:
 
 
 def _meets_any(own: Rectangles, others: Rectangles) -> NDArray[np.bool_]:
-    """Which rectangles meet one of the others."""
     return np.isin(np.arange(len(own)), _pairs(own, others)[:, 0])
 
 
 def _first_come(own: Rectangles) -> NDArray[np.bool_]:
-    """Which rectangles stay if each gives way to those that stay before it."""
+    """Return a mask of the rectangles that stay if each gives way to those that stay before it."""
     stays = np.ones(len(own), bool)
     pairs = _pairs(own, own)
     for a, b in pairs[np.lexsort(pairs.T)]:  # by the later one
@@ -206,7 +210,7 @@ def _first_come(own: Rectangles) -> NDArray[np.bool_]:
 
 
 def _inside_any(own: Rectangles, polygons: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Which have their centre inside a polygon: an odd number of edges to its right."""
+    """Return a mask of centres inside a polygon: an odd number of its edges is to their right."""
     inside = np.zeros(len(own), bool)
     x, y = own[:, :1], own[:, 1:2]
     for polygon in polygons:

@@ -28,7 +28,7 @@ class TownMap(NamedTuple):
 
 
 def sumo_home() -> Path:
-    """Folder of the installed Eclipse SUMO. Raises ImportError: SUMO is not installed."""
+    """Return the folder of the installed Eclipse SUMO; raise ImportError without it."""
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # libsumo greets with a remark on pyarrow
             import libsumo  # noqa: F401
@@ -41,9 +41,10 @@ def sumo_home() -> Path:
 
 
 def build_town(seed: int, folder: Path) -> Path:
-    """Generate the town of `seed` and return the SUMO network file in `folder`. Every junction has
-    at least two arms, so no street is a dead end. Raises ImportError without SUMO, RuntimeError
-    with netgenerate's message."""
+    """Generate the town of `seed` and return the SUMO network file in `folder`.
+
+    Every junction has at least two arms, so no street is a dead end. Raises ImportError without
+    SUMO, RuntimeError with netgenerate's message."""
     home = sumo_home()
     rng = np.random.default_rng(seed)
     length_x, length_y = rng.uniform(*BLOCK_M, size=2)
