@@ -11,7 +11,7 @@ from lidarplace.studio.violations import violations
 from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import read_problem
-from tests.sweeps.search_files import write_search
+from tests.sweeps.search_files import SEARCH, write_search
 
 COMMON = {
     "vehicle": {
@@ -43,7 +43,7 @@ def both(tmp_path_factory):
     folder = tmp_path_factory.mktemp("limits")
     zones = {"any": {"x": [-4, 4], "y": [-2, 2], "z": [0.5, 3], "standoff": None}}
     problem = read_problem(write_search(folder, search=COMMON | {"zones": zones}))
-    (folder / "studio.yaml").write_text(yaml.safe_dump(COMMON))
+    (folder / "studio.yaml").write_text(yaml.safe_dump(COMMON | {"lidar": SEARCH["lidar"]}))
     return problem.question, read_rigs(folder / "studio.yaml")
 
 
