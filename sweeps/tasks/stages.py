@@ -177,12 +177,12 @@ def _mean_over(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
 def requirements(params: RequirementsParams) -> Required:
     """What becomes of each requirement under a rig, and by its number the ground of `Ground`."""
-    from lidarplace.requirements.judge import judge
+    from lidarplace.requirements.check_requirements import check_requirements
     from lidarplace.requirements.layout import lay_out
     from lidarplace.requirements.tables import Ground, case_table
 
     laid = [lay_out(own, params.vehicle) for own in params.requirements]
-    outcomes = judge(laid, params.placement, params.vehicle, params.further)
+    outcomes = check_requirements(laid, params.placement, params.vehicle, params.further)
     grounds = {str(number): Ground.of(outcome) for number, outcome in enumerate(outcomes)}
     return Required(
         case_table(outcomes),
