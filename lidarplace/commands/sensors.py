@@ -16,8 +16,8 @@ class _NamesOrFit(TyperGroup):
     """Group that lists the LiDARs that are named, unless the first word is another command."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        known = args and (args[0] in self.commands or args[0] == "--help")
-        return super().parse_args(ctx, args if known else ["list", *args])
+        is_command = args and (args[0] in self.commands or args[0] == "--help")
+        return super().parse_args(ctx, args if is_command else ["list", *args])
 
 
 app = new_app(
@@ -30,7 +30,7 @@ HEAD = (
     *("name", "model", "beams", "elevation", "azimuth", "rays"),
     *("range", "at 10 %", "at 80 %", "nearest", "noise", "nm", "kg", "W"),
 )
-"""Degrees and metres."""
+"""Columns of the table, in degrees and metres."""
 
 
 @verb(app, "", "vlp16 at128", "vlp16 --json", name="list")
@@ -89,7 +89,7 @@ def more(sheet: Datasheet) -> Iterator[str]:
         yield f"  points a second: {sheet.points_per_second:,}"
     if sheet.price_usd is not None:
         yield f"  price: {sheet.price_usd:,g} US dollars"
-    yield from (f"  approximate: {told}" for told in sheet.approximate)
+    yield from (f"  approximate: {value}" for value in sheet.approximate)
     yield from (f"  {source.title}: {source.url}" for source in sheet.sources)
 
 

@@ -118,5 +118,5 @@ def frame_ids(table: pd.DataFrame) -> np.ndarray:
 
 
 def frame_keys(*tables: pd.DataFrame) -> list[str]:
-    """Return the columns that name a frame in all `tables`: `scene`, if they have it, and `frame`."""
+    """Return columns that name a frame in all `tables`: `scene`, if they have it, and `frame`."""
     return ["scene"] * all("scene" in table.columns for table in tables) + ["frame"]

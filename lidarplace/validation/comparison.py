@@ -36,7 +36,7 @@ def scores(
     its absolute value; within_2, the share within a factor 2; rho, Spearman's, over objects; and
     for each n of `LEAST` the shares real_n and simulated_n of objects with n points."""
     ratio = log_ratio(simulated, real)
-    found = {
+    values = {
         "objects": float(len(real)),
         "ratio": float(simulated.sum() / real.sum()) if real.sum() else np.nan,
         "bias": _of_some(np.median, ratio),
@@ -45,9 +45,9 @@ def scores(
         "rho": rank_correlation(simulated, real),
     }
     for least in LEAST:
-        found[f"real_{least}"] = _of_some(np.mean, real >= least)
-        found[f"simulated_{least}"] = _of_some(np.mean, chance[least])
-    return found
+        values[f"real_{least}"] = _of_some(np.mean, real >= least)
+        values[f"simulated_{least}"] = _of_some(np.mean, chance[least])
+    return values
 
 
 def _of_some(statistic: Callable[[Any], Any], values: NDArray[Any]) -> float:
@@ -81,7 +81,7 @@ def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
     those of `scores`, and world, the share of objects in scenes with a static world."""
     near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
     band = pd.cut(near["distance"], list(BANDS_M), right=False)
-    names = band.map(lambda own: f"{own.left:g} to {own.right:g} m").astype(object)
+    names = band.map(lambda interval: f"{interval.left:g} to {interval.right:g} m").astype(object)
     groups: dict[str, Iterable[tuple[object, pd.DataFrame]]] = {
         "all": [("all", near)],
         "distance": near.groupby(names, sort=False),
@@ -91,15 +91,15 @@ def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
     rows = []
     for model in models:
         for by, parts in groups.items():
-            own = [(str(name), part) for name, part in parts if len(part) >= _FEWEST or by == "all"]
+            large = [(str(n), part) for n, part in parts if len(part) >= _FEWEST or by == "all"]
             if by == "distance":
-                own.sort(key=lambda item: float(item[0].split()[0]))
-            for name, part in own:
+                large.sort(key=lambda item: float(item[0].split()[0]))
+            for name, part in large:
                 points = part[f"points/{model}"].to_numpy(np.float64)
                 chance = chances(part[f"rays/{model}"].to_numpy(np.float64), points)
-                found = scores(points, part["real"].to_numpy(np.float64), chance)
+                values = scores(points, part["real"].to_numpy(np.float64), chance)
                 world = float(part["world"].mean())
-                rows.append({"model": model, "by": by, "group": name, **found, "world": world})
+                rows.append({"model": model, "by": by, "group": name, **values, "world": world})
     return pd.DataFrame(rows)
 
 
@@ -108,8 +108,8 @@ def floor(objects: pd.DataFrame) -> dict[str, float]:
 
     No simulation of single frames can be nearer than the world is to itself."""
     near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
-    own = near.sort_values(["scene", "object_id", "frame"])
-    before = own.groupby(["scene", "object_id"])[["real", "frame"]].shift()
-    next_ = (own["frame"] - before["frame"] == 1).to_numpy()
-    real, was = own["real"].to_numpy(np.float64)[next_], before["real"].to_numpy(np.float64)[next_]
-    return scores(was, real, {n: (was >= n).astype(np.float64) for n in LEAST})
+    near = near.sort_values(["scene", "object_id", "frame"])
+    before = near.groupby(["scene", "object_id"])[["real", "frame"]].shift()
+    follows = near["frame"] - before["frame"] == 1
+    real, earlier = (table.loc[follows, "real"].to_numpy(np.float64) for table in (near, before))
+    return scores(earlier, real, {n: (earlier >= n).astype(np.float64) for n in LEAST})

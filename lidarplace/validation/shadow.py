@@ -49,8 +49,8 @@ def returned(
         back, fired = seen[world & (lidar == number)], model.directions() @ mount.rotation.T
         met = np.split(_meets(np.concatenate([back, fired]), others), [len(back)])
         counts = [
-            np.bincount(sectors_of(own[here] @ mount.rotation), minlength=SECTORS)
-            for own, here in zip((back, fired), met, strict=True)
+            np.bincount(sectors_of(rays[meets] @ mount.rotation), minlength=SECTORS)
+            for rays, meets in zip((back, fired), met, strict=True)
         ]
         with np.errstate(invalid="ignore", divide="ignore"):
             rows.append(counts[0] / counts[1])
@@ -74,7 +74,7 @@ def shadows(shares: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
 
     Shape (LiDARs, SECTORS). `shares` are `returned` of frames, at least one."""
     best = np.max(np.nan_to_num(np.array(shares), nan=np.inf, posinf=np.inf), axis=0)
-    known = np.where(np.isfinite(best), best, np.nan)
+    best = np.where(np.isfinite(best), best, np.nan)
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # no ray goes down
-        relative = known / np.nanquantile(known, _OPEN, axis=1, keepdims=True)
+        relative = best / np.nanquantile(best, _OPEN, axis=1, keepdims=True)
     return np.asarray(np.where(relative < SHADOW, relative, 1.0), np.float64)
