@@ -11,7 +11,6 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from lidarplace.base.errors import InputError, at
-from lidarplace.base.registry import FOLDERS
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.command_line.invocation import command
 from lidarplace.configuration.settings import key_path, mistake, shortened
@@ -62,7 +61,6 @@ def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> d
                 raise InputError(f"key of {kind}", key=key, fix=fix)
         for key in map(str, unknown):
             raise unknown_key(key, model, key=shortened(key))
-    FOLDERS.append(path.parent.resolve())
     for pair in overrides:
         _override(raw, pair, path, model)
     return raw

@@ -16,6 +16,7 @@ from cachetools import cached
 
 from lidarplace import Lidar, Placement, Roi
 from lidarplace.base.errors import InputError, at
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.collect import crop_for
 from lidarplace.clouds.profiles import with_tilt_in_degrees
@@ -63,7 +64,7 @@ ACCURACY_VOXELS = 60_000_000
 def read_plan(path: Path, overrides: Sequence[str] = ()) -> tuple[Sweep, Plan]:
     """Read a configuration and plan its sweep. Raises ConfigError that names the file."""
     sweep = read_sweep(path, overrides)
-    with at(path, ConfigError):
+    with at(path, ConfigError), plugin_folder(path.parent):
         return sweep, make_plan(sweep)
 
 

@@ -12,6 +12,7 @@ from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
 from lidarplace.base.class_names import check_among
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.metrics import METRICS
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.vehicle import vehicle_of
@@ -210,7 +211,7 @@ class Problem(SearchConfig):
 def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     """Read the configuration of a search. Raises ConfigError: anything wrong with it."""
     source = read_named(path, overrides, SearchFile)
-    with at(path, ConfigError):
+    with at(path, ConfigError), plugin_folder(path.parent):
         problem = _problem(source, path)
         _check_what_comes_later(problem)
         return problem
