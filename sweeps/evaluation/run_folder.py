@@ -68,8 +68,8 @@ def check_free(folder: Path) -> None:
         raise InputError("is the run folder of a sweep", place=str(folder), fix=fix)
 
 
-def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> None:
-    """Write all that reports read. The judge is "generalist" if one network made all detections."""
+def write_evaluation(folder: Path, found: Worth, asked: Asked, evaluator: str) -> None:
+    """Write all that reports read; `evaluator`: "generalist" if one network made all detections."""
     test = asked.test
     folder.mkdir(parents=True, exist_ok=True)
     trials = _trials(found)
@@ -96,7 +96,7 @@ def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> No
         roi=test.roi,
         frames=Frames(train=0, test=len(test.log.frames)),
         cautions=tuple(asked.cautions),
-        judge=judge,
+        evaluator=evaluator,
         detections={name: tuple(own) for name, own in asked.paths.items()},
     ).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run

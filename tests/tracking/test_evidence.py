@@ -144,8 +144,8 @@ def test_a_remedy_sets_an_axis_where_the_key_is_one_and_nothing_for_a_log(run):
 
 
 def test_a_command_without_a_seed_is_not_given_seeds(run):
-    judge = "{command: 'detect {train} {test}'}"
-    for config in (f"judge: {judge}", f"grid: {{judge: [specialist, {judge}]}}"):
+    command = "{command: 'detect {train} {test}'}"
+    for config in (f"evaluator: {command}", f"grid: {{evaluator: [specialist, {command}]}}"):
         few = replace(seeds(run, 1), config=config)
         said = Analysis.of(few).answer
         assert "grid.seed" not in said.command

@@ -49,7 +49,7 @@ class Analysis:
     @cached_property
     def means(self) -> pd.DataFrame:
         run = self.run
-        return seed_means(run.results, run.axes, run.left_out, run.sweep.judge)
+        return seed_means(run.results, run.axes, run.left_out, run.sweep.evaluator)
 
     @cached_property
     def ceilings(self) -> pd.DataFrame:

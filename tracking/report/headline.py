@@ -71,7 +71,7 @@ def headline_ranking(run: RunFolder, group: Group) -> dict[str, BestPlacement]:
         own, left_out = judged(group.of(run.results), run.results, name), None
         if run.left_out is not None:
             left_out = judged(group.of(run.left_out), run.results, name)
-        best = best_placement(own, left_out=left_out, generalist=group.judge in ONE_FOR_ALL)
+        best = best_placement(own, left_out=left_out, generalist=group.evaluator in ONE_FOR_ALL)
         if best is not None:
             found[name] = best
     return found
