@@ -29,7 +29,7 @@ from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.pog.surrogates.table import ASKED_OF_POG, OBJECT_SURROGATES, POG_SURROGATES
-from lidarplace.requirements.layout import Laid
+from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.scenes.kinds import scene_parts
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene
@@ -49,9 +49,6 @@ from training.typical_objects import TypicalObject
 
 ACCURACY_STEPS = (90, 360, 1440, 5760)
 """Azimuth steps at which coverage methods are compared with the exact cones."""
-
-FITTED_Q = tuple(float(f"{q:.2g}") for q in np.geomspace(1e-4, 1.0, 25))
-"""Detection probabilities among which the one that fits measured AP best is looked for."""
 
 RECALL_FRAMES = 280
 """Frames from which surrogates of objects are; neighbours show the same objects once more."""
@@ -157,7 +154,6 @@ class _Builder:
             method=settings.method,
             detection_probability=settings.detection_probability,
             occlusion=settings.occlusion,
-            fitted_q=FITTED_Q,
         )
         trial = Trial(
             grid_point=grid_point,
@@ -237,11 +233,13 @@ class _Builder:
             found["sampling_error"] = self._task("sampling_error", grid_point, drawn, logs)
         return found
 
-    def laid(self, point: Point) -> tuple[Laid, ...]:
+    def laid(self, point: Point) -> tuple[RequirementLayout, ...]:
         """What is required of the placement of a point, laid out around the vehicle."""
         return self._laid(point.surrogate.curves, point.vehicle)
 
-    def _lay_out(self, curves: Path | None, body: VehicleSettings | None) -> tuple[Laid, ...]:
+    def _lay_out(
+        self, curves: Path | None, body: VehicleSettings | None
+    ) -> tuple[RequirementLayout, ...]:
         if not self._common.requirements:
             return ()
         known = self._curves(curves, ())

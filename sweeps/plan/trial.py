@@ -10,7 +10,7 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.ring_overlap import Interleaving
 from lidarplace.pog.surrogates.sampling_error import SamplingError
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
-from lidarplace.requirements.layout import Laid
+from lidarplace.requirements.layout import RequirementLayout
 from sweeps.configuration.grid import GridPoint
 from sweeps.configuration.sweep import Point
 from sweeps.tasks import results as kinds
@@ -35,7 +35,7 @@ class Trial:
     scenes: tuple[Task[BoxLog], ...]
     requirements: Task[kinds.Required] | None
     pog: Task[kinds.Pog]
-    surrogates: Task[kinds.PogScores]
+    surrogates: Task[kinds.Scores]
     recall: Task[kinds.Scores] | None
     accuracy: Task[kinds.Accuracy] | None
     sampling_error: Task[SamplingError] | None
@@ -111,7 +111,7 @@ class Plan:
 
     tasks: tuple[Task, ...]
     trials: tuple[Trial, ...]
-    laid: tuple[Laid, ...] = ()
+    laid: tuple[RequirementLayout, ...] = ()
     cautions: tuple[str, ...] = ()
 
     @property
