@@ -12,7 +12,7 @@ from sweeps.store.local import Store
 from sweeps.tasks.results import Evaluated
 from sweeps.tasks.task import Task
 from tracking.findings.groups import ONE_FOR_ALL
-from tracking.kitti_iou import judged
+from tracking.kitti_iou import at_headline_iou
 
 Cell = int | float | str
 """What a cell of a table holds."""
@@ -35,7 +35,9 @@ def trial_results(
 
 def headline_value(metrics: pd.DataFrame, metric: str, object_class: str) -> float:
     """A metric of a class at KITTI's IoU, percent; NaN if it was not measured."""
-    return next(iter(judged(metrics, metrics, object_class, metric)["value"].tolist()), math.nan)
+    return next(
+        iter(at_headline_iou(metrics, metrics, object_class, metric)["value"].tolist()), math.nan
+    )
 
 
 def trial_seconds(trial: Trial, store: Store) -> float:
@@ -43,7 +45,7 @@ def trial_seconds(trial: Trial, store: Store) -> float:
     training counts for none of the placements that it judges."""
     tasks: tuple[Task, ...] = trial.scores
     if isinstance(trial, DetectorTrial):
-        alone = trial.grid_point.point.judge not in ONE_FOR_ALL
+        alone = trial.grid_point.point.evaluator not in ONE_FOR_ALL
         tasks = (trial.learns, trial.evaluate) if alone else (trial.evaluate,)
     return sum(store.record(task).seconds for task in tasks)
 
@@ -58,7 +60,7 @@ def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
     """Columns that distinguish a trial from others."""
     point = trial.grid_point.point
     own: dict[str, Cell] = {"trial": trial.key, "placement": point.placement}
-    own |= {"detector": point.detected_by or "", "seed": point.seed}
+    own |= {"detector": point.detector_name or "", "seed": point.seed}
     return own | axis_values(trial, axes)
 
 

@@ -9,11 +9,12 @@ import pandas as pd
 
 from lidarplace.base.metrics import HEADLINE_METRIC
 from lidarplace.command_line.invocation import with_settings
+from lidarplace.configuration.renamed_keys import with_current_keys
 from lidarplace.configuration.yaml import parse_yaml
 from lidarplace.pog.surrogates.evaluate import MOSTLY_LINEAR
-from tracking.findings.groups import ONE_FOR_ALL, Group
+from tracking.findings.groups import EVALUATOR, ONE_FOR_ALL, Group
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
-from tracking.kitti_iou import headline_iou, judged
+from tracking.kitti_iou import at_headline_iou, headline_iou
 from tracking.labels import metric_label, some
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.jackknife import LEAST_ROUTES
@@ -75,7 +76,7 @@ def value_at(config: str, *keys: str) -> Any:
     """What a configuration, YAML, has below these keys; None: nothing. Raises YamlError."""
     value = parse_yaml(config)
     for key in keys:
-        value = value.get(key) if isinstance(value, dict) else None
+        value = with_current_keys(value).get(key) if isinstance(value, dict) else None
     return value
 
 
@@ -110,19 +111,24 @@ def few_seeds(
 
 
 def _few_seeds(run: RunFolder, group: Group) -> list[Weakness]:
-    known = group.of(run.results).dropna(subset=["value"])
-    by_rig = known.groupby("placement", sort=False)["seed"]
+    values = group.of(run.results).dropna(subset=["value"])
+    by_rig = values.groupby("placement", sort=False)["seed"]
     seeds = {str(name): set(numbers) for name, numbers in by_rig}
-    found = few_seeds(seeds, group.judge in ONE_FOR_ALL, "grid.seed", (*run.classes, "all"))
-    judges = [value_at(run.config, "judge"), *(value_at(run.config, "grid", "judge") or ())]
-    commands = [judge.get("command", "") for judge in judges if isinstance(judge, dict)]
-    if not all("{seed}" in command for command in commands):  # it evaluates a placement only once
-        more = " Name {seed} in judge.command to train it again."
-        found = [replace(few, sentence=few.sentence + more, remedy={}) for few in found]
-    if group.judge == ONE_FOR_ALL[1]:  # there is one; generalists of the sweep's own can be several
-        own = _set(run, "judge", ONE_FOR_ALL[0])
-        found = [replace(weakness, remedy={**own, **weakness.remedy}) for weakness in found]
-    return found
+    few = few_seeds(seeds, group.evaluator in ONE_FOR_ALL, "grid.seed", (*run.classes, "all"))
+    evaluators = [value_at(run.config, EVALUATOR), *(value_at(run.config, "grid", EVALUATOR) or ())]
+    commands = {
+        own.get("name", "command"): own.get("command", "")
+        for own in evaluators
+        if isinstance(own, dict)
+    }
+    if "{seed}" not in commands.get(group.evaluator, "{seed}"):  # evaluated only once
+        more = " Name {seed} in evaluator.command to train it again."
+        few = [replace(weakness, sentence=weakness.sentence + more, remedy={}) for weakness in few]
+    # There is one pretrained generalist; generalists of the sweep's own can be several.
+    if group.evaluator == ONE_FOR_ALL[1]:
+        generalists = _set(run, EVALUATOR, ONE_FOR_ALL[0])
+        few = [replace(weakness, remedy={**generalists, **weakness.remedy}) for weakness in few]
+    return few
 
 
 def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
@@ -175,7 +181,7 @@ def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
 
 def _learned_little(run: RunFolder, group: Group) -> Iterator[Weakness]:
     for name in run.classes:
-        own = judged(group.of(run.results), run.results, name)
+        own = at_headline_iou(group.of(run.results), run.results, name)
         most = own.groupby("placement")["value"].mean().max()
         if most < LEAST_AP:
             metric = metric_label(HEADLINE_METRIC, headline_iou(run.results, name))
@@ -224,7 +230,7 @@ def _losses(run: RunFolder, group: Group) -> pd.DataFrame:
 
 def _longer(run: RunFolder, group: Group, times: float) -> dict[str, Any]:
     epochs = _losses(run, group)["epoch"].max()
-    key = "generalist.epochs" if group.judge in ONE_FOR_ALL else "training.epochs"
+    key = "generalist.epochs" if group.evaluator in ONE_FOR_ALL else "training.epochs"
     most = min(max(times, 2.0), MOST_TIMES)
     return {} if pd.isna(epochs) else _set(run, key, math.ceil(epochs * most))
 

@@ -14,8 +14,8 @@ from lidarplace.command_line.verbs import wrong
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import read_plan
 from sweeps.plan.trial import Plan
-from sweeps.search.judgement.winners import Found, Judged
 from sweeps.search.problem.problem import Problem
+from sweeps.search.verification.winners import Found, Judged
 from sweeps.store.open import store_of
 from tracking.findings.best_placement import best_placement
 from tracking.findings.summary import seed_means
