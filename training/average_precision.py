@@ -263,8 +263,9 @@ def hit_scores(
 
     Shape (G,). Arguments as of `precision_curve`.
     """
-    roles = (np.full(ends[-1], COUNTS, np.int8) for ends in pairs.layout[:2])
-    return np.asarray(_recall_pass(pairs.layout, overlaps, scores, *roles, minimum_overlap))
+    truths, detections = (np.full(ends[-1], COUNTS, np.int8) for ends in pairs.layout[:2])
+    hits = _recall_pass(pairs.layout, overlaps, scores, truths, detections, minimum_overlap)
+    return np.asarray(hits)
 
 
 def monotone(sampled: NDArray[np.float64]) -> NDArray[np.float64]:

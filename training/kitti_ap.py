@@ -257,8 +257,10 @@ def rows_of(table: pd.DataFrame, frames: NDArray[np.int64]) -> pd.DataFrame:
 
 def pairs_of(truths: pd.DataFrame, detected: pd.DataFrame, frames: NDArray[np.int64]) -> FramePairs:
     """Pair ground truths and detections of each frame; both are results of `rows_of`."""
-    places = (np.searchsorted(frames, t["frame"].to_numpy(np.int64)) for t in (truths, detected))
-    return FramePairs.of(*places, len(frames))
+    truth_frame, detection_frame = (
+        np.searchsorted(frames, table["frame"].to_numpy(np.int64)) for table in (truths, detected)
+    )
+    return FramePairs.of(truth_frame, detection_frame, len(frames))
 
 
 def overlaps_of(

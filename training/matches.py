@@ -7,7 +7,6 @@ each. So two scores of every ground truth replace the overlaps, and leaving obje
 takes no new matching.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -91,11 +90,11 @@ class Matches:
 
     def _by_unit(
         self, truth_unit: NDArray[np.int64], detection_unit: NDArray[np.int64], units: int
-    ) -> Iterator[UnitScores]:
+    ) -> tuple[UnitScores, UnitScores, UnitScores]:
         """Scores of hits, matches and detections with their units."""
-        of_each = (truth_unit, truth_unit, detection_unit)
-        for scores, unit in zip(self._orders, of_each, strict=True):
-            yield UnitScores.of(*scores, unit, units)
+        hit, matched, detected = self._orders
+        hits, matches = (UnitScores.of(*of_truth, truth_unit, units) for of_truth in (hit, matched))
+        return hits, matches, UnitScores.of(*detected, detection_unit, units)
 
 
 def by_unit(
