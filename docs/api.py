@@ -57,7 +57,7 @@ NAMES = {
             "evaluate_classes",
             "evaluate_many",
             "compare",
-            "expected_ig_by_q",
+            "expected_ig_of_rays",
             "sum_over_classes",
             "Surrogates",
             "ExpectedRecall",

@@ -12,7 +12,7 @@ from lidarplace.pog.surrogates.evaluate import (
     evaluate,
     evaluate_classes,
     evaluate_many,
-    expected_ig_by_q,
+    expected_ig_of_rays,
 )
 from lidarplace.pog.surrogates.result import Surrogates, sum_over_classes
 from lidarplace.recall.expected_recall import ExpectedRecall
@@ -34,7 +34,7 @@ __all__ = [
     "evaluate",
     "evaluate_classes",
     "evaluate_many",
-    "expected_ig_by_q",
+    "expected_ig_of_rays",
     "plot",
     "sum_over_classes",
 ]

@@ -26,7 +26,7 @@ from rich.table import Table
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.logs.box_log import read_box_log
-from lidarplace.pog.surrogates.evaluate import FAINT_Q, expected_ig_by_q, linear_share
+from lidarplace.pog.surrogates.evaluate import expected_ig_of_rays, linear_share
 
 
 def main() -> None:
@@ -68,11 +68,11 @@ def main() -> None:
 
 
 def _row(grid: OccupancyGrid, placement: Placement, q: list[float]) -> dict[float | str, float]:
-    by_q = expected_ig_by_q({"Car": grid}, placement, [*q, FAINT_Q])
+    grids = {"Car": grid}
     found = evaluate(grid, placement, surrogates=["expected_points"])
     return (
-        by_q.loc["Car"].to_dict()
-        | {f"linear {value}": linear_share(by_q, value)["Car"] for value in q}
+        {value: expected_ig_of_rays(grids, placement, value)["Car"] for value in q}
+        | {f"linear {value}": linear_share(grids, placement, value)["Car"] for value in q}
         | {"covered": found.covered_entropy, "points": found.expected_points}
     )
 

@@ -93,8 +93,6 @@ def main() -> None:
         _write(f"{name}_left_out", left_out)
         if name == "main":
             _write("surrogates", [run.surrogates[_SURROGATES] for run in found[:1]])
-            by_q = [run.expected_ig_by_q for run in found[:1] if run.expected_ig_by_q is not None]
-            _write("expected_ig_by_q", by_q)
             _write("individuals", [] if found[0].individuals is None else [found[0].individuals])
     occluded = runs / "findings_occluded"
     if (occluded / "surrogates.parquet").exists():

@@ -41,7 +41,10 @@ def fitted_table(rigs: Judged) -> str:
 
 
 def _by_q(object_class: str) -> pd.DataFrame:
-    """A row a rig, a column a q; the sum of all classes for "all"."""
+    """A row a rig, a column a q; the sum of all classes for "all".
+
+    `lidarplace.expected_ig_of_rays` of the sweep `findings_generalist`, at 25 values of q.
+    """
     rows = read("expected_ig_by_q")
     if object_class != "all":
         rows = rows[rows["class"] == object_class]
@@ -78,7 +81,6 @@ def fit_detection_probability(
 
     Args:
         expected_ig: a row a placement (index), a column a q; nats, finite.
-            `lidarplace.expected_ig_by_q` computes the rows.
         measured: AP or recall by placement (same index in any order, at least
             four), percent.
     """

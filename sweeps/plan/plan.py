@@ -50,9 +50,6 @@ from training.typical_objects import TypicalObject
 ACCURACY_STEPS = (90, 360, 1440, 5760)
 """Azimuth steps at which coverage methods are compared with the exact cones."""
 
-FITTED_Q = tuple(float(f"{q:.2g}") for q in np.geomspace(1e-4, 1.0, 25))
-"""Detection probabilities among which the one that fits measured AP best is looked for."""
-
 RECALL_FRAMES = 280
 """Frames from which surrogates of objects are; neighbours show the same objects once more."""
 
@@ -157,7 +154,6 @@ class _Builder:
             method=settings.method,
             detection_probability=settings.detection_probability,
             occlusion=settings.occlusion,
-            fitted_q=FITTED_Q,
         )
         trial = Trial(
             grid_point=grid_point,

@@ -35,7 +35,7 @@ class Trial:
     scenes: tuple[Task[BoxLog], ...]
     requirements: Task[kinds.Required] | None
     pog: Task[kinds.Pog]
-    surrogates: Task[kinds.PogScores]
+    surrogates: Task[kinds.Scores]
     recall: Task[kinds.Scores] | None
     accuracy: Task[kinds.Accuracy] | None
     sampling_error: Task[SamplingError] | None

@@ -59,7 +59,6 @@ OF_EVALUATION = {
 }
 """Tables that are fields of `Evaluated`."""
 _OF_STAGE = {
-    contract.EXPECTED_IG_BY_Q: ("surrogates", "by_q"),
     contract.ACCURACY: ("accuracy", "table"),
     contract.SAMPLING_ERROR: ("sampling_error", "estimates"),
     contract.POG_RESAMPLES: ("sampling_error", "resamples"),

@@ -61,14 +61,13 @@ class PogParams:
 
 @dataclass(frozen=True)
 class SurrogateParams:
-    """The rig, and how which surrogates of a POG are found; `fitted_q`: of `expected_ig_by_q`."""
+    """Rig of which the surrogates of a POG are computed, and how."""
 
     placement: Annotated[Placement, "placement", "lidar", "weather"]
     names: Annotated[tuple[str, ...], "surrogate.names"]
     method: Annotated[Method, "surrogate.method"]
     detection_probability: Annotated[float, "surrogate.detection_probability"]
     occlusion: Annotated[bool, "surrogate.occlusion"]
-    fitted_q: tuple[float, ...]
 
 
 @dataclass(frozen=True)

@@ -47,17 +47,11 @@ class Pog:
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Surrogates of one rig: class, surrogate, value, method, seconds."""
+    """Surrogates of one rig: class, surrogate, value, method, seconds.
+
+    Rows of `expected_ig` have a `linear_share`, too."""
 
     table: pd.DataFrame
-
-
-@dataclass(frozen=True, eq=False)
-class PogScores(Scores):
-    """Surrogates of a POG; rows of `expected_ig` have a `linear_share` too, and by_q is class, q,
-    expected_ig without occlusion, from which one q is fitted to measured AP."""
-
-    by_q: pd.DataFrame | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,13 +29,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace import OccupancyGrid, evaluate_classes, expected_ig_by_q
+from lidarplace import OccupancyGrid, evaluate_classes
 from lidarplace.base.errors import InputError
 from lidarplace.base.foreign_code import foreign_code
 from lidarplace.base.metrics import Overlaps
 from lidarplace.clouds.clouds import Clouds, Frames, JoinedClouds, PointClouds
 from lidarplace.logs.box_log import BoxLog, join_logs
-from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
+from lidarplace.pog.surrogates.evaluate import linear_share
 from lidarplace.pog.surrogates.sampling_error import SamplingError, pog_sampling_error
 from lidarplace.pog.surrogates.table import SURROGATES, to_ask_for
 from sweeps import PACKAGES
@@ -65,7 +65,6 @@ from sweeps.tasks.results import (
     GroundTruth,
     Judged,
     Pog,
-    PogScores,
     Required,
     Scores,
     Trained,
@@ -124,7 +123,7 @@ def pog(params: PogParams, *logs: BoxLog) -> Pog:
     return Pog(list(grids), frames, roi, counts, from_above)
 
 
-def surrogates(params: SurrogateParams, pog: Pog) -> PogScores:
+def surrogates(params: SurrogateParams, pog: Pog) -> Scores:
     """All surrogates of the POG that are asked for, for every class."""
     grids, names, q = grids_of(pog), params.names, params.detection_probability
     rows = []
@@ -145,13 +144,10 @@ def surrogates(params: SurrogateParams, pog: Pog) -> PogScores:
         ]
     columns = ["class", "surrogate", "value", "method", "seconds"]
     table = pd.DataFrame(rows, columns=columns).astype({"value": float, "seconds": float})
-    if "expected_ig" not in names:
-        return PogScores(table)
-    by_q = expected_ig_by_q(grids, params.placement, [*params.fitted_q, q, FAINT_Q])
-    share = table["class"].map(linear_share(by_q, q))
-    table["linear_share"] = share.where(table["surrogate"] == "expected_ig")
-    by_q = by_q[list(params.fitted_q)].rename_axis("class").reset_index()
-    return PogScores(table, by_q.melt("class", var_name="q", value_name="expected_ig"))
+    if "expected_ig" in names:
+        share = table["class"].map(linear_share(grids, params.placement, q))
+        table["linear_share"] = share.where(table["surrogate"] == "expected_ig")
+    return Scores(table)
 
 
 def recall(params: RecallParams, *logs: BoxLog) -> Scores:

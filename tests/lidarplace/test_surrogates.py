@@ -20,14 +20,14 @@ from lidarplace import (
     evaluate,
     evaluate_classes,
     evaluate_many,
-    expected_ig_by_q,
+    expected_ig_of_rays,
     sum_over_classes,
 )
 from lidarplace.base import plotting
 from lidarplace.coverage import count_covered
 from lidarplace.coverage.rays import ray_counts
 from lidarplace.pog.surrogates import result as result_module
-from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
+from lidarplace.pog.surrogates.evaluate import linear_share
 from lidarplace.pog.surrogates.table import POG_SURROGATES, SURROGATES
 from tests.lidarplace.random_grids import random_grids
 
@@ -85,19 +85,14 @@ def test_the_sum_over_classes(grids):
         sum_over_classes({"Car": results["Car"], "Pedestrian": other})
 
 
-def test_expected_ig_for_many_q_is_that_of_each(grids):
+@pytest.mark.parametrize("q", [1e-9, 0.003, 0.1, 1.0])
+def test_expected_ig_of_rays_needs_no_cones(grids, q):
     placement = PAPER_PLACEMENTS["pyramid"].with_lidar(LIDAR)
-    qs = [1e-9, 0.003, 0.1, 1.0]
-    by_q = expected_ig_by_q(grids, placement, qs)
-    assert list(by_q.columns) == qs
-    assert list(by_q.index) == list(grids)
-    for q in qs:
-        alone = evaluate_classes(
-            grids, placement, "dda", surrogates=["expected_ig"], detection_probability=q
-        )
-        for name, result in alone.items():
-            assert by_q.loc[name, q] == pytest.approx(result.expected_ig, rel=1e-12)
-    assert (by_q.diff(axis=1).iloc[:, 1:] > 0).all(axis=None)
+    gains = expected_ig_of_rays(grids, placement, q)
+    results = evaluate_classes(
+        grids, placement, "dda", surrogates=["expected_ig"], detection_probability=q
+    )
+    assert gains.to_dict() == {name: result.expected_ig for name, result in results.items()}
 
 
 def test_linear_share_is_that_of_rays_that_count_by_themselves(grids):
@@ -108,7 +103,7 @@ def test_linear_share_is_that_of_rays_that_count_by_themselves(grids):
         (7200, 0.9, 0.0, 0.1),
     ):
         placement = PAPER_PLACEMENTS["line"].with_lidar(Lidar(LIDAR.elevations, steps))
-        shares = linear_share(expected_ig_by_q(grids, placement, [q, FAINT_Q]), q)
+        shares = linear_share(grids, placement, q)
         rays = ray_counts(placement, ROI, "dda")
         for name, grid in grids.items():
             p = grid.probability

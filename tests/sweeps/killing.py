@@ -163,7 +163,7 @@ def differences(sweep: Sweep, reference: Sweep) -> list[str]:
     """What differs between two finished sweeps that ought to be alike."""
     found = []
     ours, theirs = (s.folder / "runs/tiny" for s in (sweep, reference))
-    for name in ("surrogates", "expected_ig_by_q"):
+    for name in ("surrogates",):
         tables = [
             pd.read_parquet(folder / f"{name}.parquet").drop(columns="seconds", errors="ignore")
             for folder in (ours, theirs)

@@ -17,7 +17,7 @@ from tests.sweeps.toy import call, flip_bit
 FEW = SMALL | {"lidar": {"beams": 8, "azimuth_steps": 90}}
 SURROGATES = FEW | {"detector": None, "grid": {"placement": ["line", "center"]}}
 TRAINED = FEW | {"detector": "pointpillars_tiny", "grid": {"placement": ["line"]}}
-TABLES = ("surrogates", "expected_ig_by_q", "results", "distance", "points", "trials")
+TABLES = ("surrogates", "results", "distance", "points", "trials")
 
 
 def again():

@@ -18,7 +18,7 @@ from sweeps.plan.plan import make_plan
 from sweeps.results.promotion import at_most, promote, survivors
 from sweeps.results.trial_results import trial_failure
 from sweeps.store.local import Store
-from sweeps.tasks.results import Evaluated, PogScores
+from sweeps.tasks.results import Evaluated, Scores
 from tests.sweeps.toy import Quiet, Toy, result
 from tracking.run_folders.sweep_tables import PROMOTIONS
 
@@ -173,7 +173,7 @@ def test_a_failed_surrogate_is_a_failure_and_no_verdict(tmp_path, quick, monkeyp
     true = FUNCTIONS["surrogates"]
     first = plan.trials[0]
 
-    def fail(params, pog) -> PogScores:
+    def fail(params, pog) -> Scores:
         if params == first.surrogates.params:
             raise OSError(28, "No space left on device")
         return true(params, pog)

@@ -42,7 +42,6 @@ class RunFolder:
     results: pd.DataFrame
     surrogates: pd.DataFrame
     trials: pd.DataFrame
-    expected_ig_by_q: pd.DataFrame | None
     curves: pd.DataFrame | None
     pr_curves: pd.DataFrame | None
     distance: pd.DataFrame | None

@@ -76,15 +76,6 @@ TRIALS = Table.of(
     axes=_EVERY_AXIS,
     key=("trial",),
 )
-EXPECTED_IG_BY_Q = Table.of(
-    "expected_ig_by_q",
-    "expected IG without occlusion at one detection probability",
-    *(_PLACEMENT, _CLASS),
-    Column("q", "float64", "detection probability of a ray"),
-    Column("expected_ig", "float64", "nats"),
-    axes=_SURROGATE_AXES,
-    key=("placement", "class", "q"),
-)
 CURVES = Table.of(
     "curves",
     "a value of an epoch of a training",
@@ -271,7 +262,7 @@ TASKS = Table.of(
     Column("batch_size_reduced", "bool", "because of a GPU's memory", False, False),
 )
 
-TABLES: tuple[Table, ...] = (RESULTS, SURROGATES, TRIALS, EXPECTED_IG_BY_Q, CURVES, PR_CURVES)
+TABLES: tuple[Table, ...] = (RESULTS, SURROGATES, TRIALS, CURVES, PR_CURVES)
 TABLES += (DISTANCE, SECTOR, LEFT_OUT, POINTS, INDIVIDUALS, ACCURACY, SAMPLING_ERROR, POG_RESAMPLES)
 TABLES += (OBJECTS, FOUND, REQUIREMENTS, PROMOTIONS, TASKS)
 """All of them."""

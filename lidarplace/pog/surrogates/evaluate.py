@@ -220,27 +220,14 @@ def log_miss_in(
     return log_miss(placement, occupied, method, counts, grid.frames, q, azimuth_stride)
 
 
-def expected_ig_by_q(
-    grids: Mapping[str, OccupancyGrid],
-    placement: Placement,
-    detection_probabilities: Sequence[float],
-    azimuth_stride: int = 1,
-) -> pd.DataFrame:
-    """`expected_ig` without occlusion for many q: the rays are traced once.
+def expected_ig_of_rays(
+    grids: Mapping[str, OccupancyGrid], placement: Placement, q: float, azimuth_stride: int = 1
+) -> pd.Series[float]:
+    """Return `expected_ig` without occlusion by class (index), in nats; no cone is followed.
 
-    A row a class (index), a column a q; nats. `tracking.report.sections.correlation` fits q to
-    measured AP with it. Raises ValueError for q outside (0, 1], or grids of different ROIs."""
-    for q in detection_probabilities:
-        _check_probability(q)
-    roi = occupied_layers(common_roi(grids), occupied_tiles(grids), "dda")
-    rays = ray_counts(placement, roi, "dda", azimuth_stride)
-    weight = ray_weight(placement, azimuth_stride)
-    misses = {q: weight * log_miss_of_ray(q) for q in detection_probabilities}
-    gains = {}
-    for name, grid in grids.items():
-        crossings = Crossings.of_grid(grid, rays)
-        gains[name] = {q: expected_ig(grid.frames, crossings, miss) for q, miss in misses.items()}
-    return pd.DataFrame.from_dict(gains, orient="index")
+    `q` is the detection probability of a ray. Raises ValueError for q outside (0, 1], or grids of
+    different ROIs."""
+    return _expected_ig_of_rays(grids, placement, [q], azimuth_stride)[q]
 
 
 FAINT_Q = 1e-7
@@ -250,15 +237,37 @@ MOSTLY_LINEAR = 2 / 3
 objects rather than by what these cover (`python benchmarks/studies/expected_ig_regime.py`)."""
 
 
-def linear_share(by_q: pd.DataFrame, q: float) -> pd.Series[float]:
-    """`expected_ig` as a share of what it were if every ray counted by itself, by class.
+def linear_share(
+    grids: Mapping[str, OccupancyGrid], placement: Placement, q: float
+) -> pd.Series[float]:
+    """Return the share of `expected_ig` in its value if every ray counted by itself, by class.
 
     A voxel that m rays cross is detected with d = 1 - (1 - q)^m. Where q m is small in all of them
     d is q m and `expected_ig` a sum over rays: the share is 1, or a hair more, as information is
     convex in d. As rays, q or voxels grow it falls, and `expected_ig` comes to be
-    `covered_entropy`. NaN for a class that no ray meets. `by_q`: of `expected_ig_by_q`, with
-    columns `q` and FAINT_Q."""
-    return by_q[q] / (by_q[FAINT_Q] * (q / FAINT_Q))
+    `covered_entropy`. NaN for a class that no ray meets. Raises as `expected_ig_of_rays`."""
+    gains = _expected_ig_of_rays(grids, placement, [q, FAINT_Q])
+    return gains[q] / (gains[FAINT_Q] * (q / FAINT_Q))
+
+
+def _expected_ig_of_rays(
+    grids: Mapping[str, OccupancyGrid],
+    placement: Placement,
+    qs: Sequence[float],
+    azimuth_stride: int = 1,
+) -> pd.DataFrame:
+    """Trace the rays once and return `expected_ig`: a row per class, a column per q."""
+    for q in qs:
+        _check_probability(q)
+    roi = occupied_layers(common_roi(grids), occupied_tiles(grids), "dda")
+    rays = ray_counts(placement, roi, "dda", azimuth_stride)
+    weight = ray_weight(placement, azimuth_stride)
+    misses = {q: weight * log_miss_of_ray(q) for q in qs}
+    gains = {}
+    for name, grid in grids.items():
+        crossings = Crossings.of_grid(grid, rays)
+        gains[name] = {q: expected_ig(grid.frames, crossings, miss) for q, miss in misses.items()}
+    return pd.DataFrame.from_dict(gains, orient="index")
 
 
 def common_roi(grids: Mapping[str, OccupancyGrid]) -> Roi:

@@ -17,7 +17,7 @@ from lidarplace.coverage import coverage
 from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import public_url
 from lidarplace.mounting.outline import outline
-from lidarplace.pog.surrogates.evaluate import FAINT_Q, expected_ig_by_q, linear_share
+from lidarplace.pog.surrogates.evaluate import linear_share
 from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
 from lidarplace.requirements.tables import Ground, by_rig, case_table
 from lidarplace.scenes.recorded import LogScene
@@ -202,7 +202,7 @@ def _linear_share(problem: Problem, found: Found) -> float | None:
         return None
     q = problem.question.surrogate.detection_probability
     rig = placement_of(found.judged["found_1"].rig, problem.models)
-    return float(linear_share(expected_ig_by_q(found.grids, rig, [q, FAINT_Q]), q).max())
+    return float(linear_share(found.grids, rig, q).max())
 
 
 def _objective(objective: ObjectiveSettings, problem: Problem) -> kinds.Objective:

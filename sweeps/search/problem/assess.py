@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from lidarplace import ExpectedRecall, OccupancyGrid, evaluate_classes, expected_ig_by_q
+from lidarplace import ExpectedRecall, OccupancyGrid, evaluate_classes, expected_ig_of_rays
 from lidarplace.mounting.errors import MountingErrors, fleet
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, to_ask_for
 from sweeps.configuration.search import TOTALS, ObjectiveSettings
@@ -109,7 +109,7 @@ def _of_pog(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dic
     q = how.detection_probability
     if of_pog == {"expected_ig"} and not how.occlusion and how.method != "bresenham":
         # The default, for which no cone has to be covered.
-        gains = expected_ig_by_q(traffic.grids, placement, [q], question.azimuth_stride)[q]
+        gains = expected_ig_of_rays(traffic.grids, placement, q, question.azimuth_stride)
         return {str(name): {"expected_ig": float(gain)} for name, gain in gains.items()}
     results = evaluate_classes(
         traffic.grids,
