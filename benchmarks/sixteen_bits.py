@@ -48,10 +48,10 @@ def main(
         boxes=log.boxes[log.boxes["frame"].isin(frames)],
     )
     judged = with_detector(trials([f"detector={content['detector']}"]).values())[:rigs]
-    truth = stages.ground_truth(judged[0].ground_truths[0].params, log).objects
+    truth = stages.ground_truth(judged[0].ground_truths[0].stage, log).objects
     rows, seconds = [], []
     for trial in judged:
-        params = judge_task(trial.evaluate, 0, 1).params
+        params = judge_task(trial.evaluate, 0, 1).stage
         clouds = stages._simulated(params.collection, log).kept()
         for floats in (False, "everywhere"):
             settings = params.training.model_copy(update={"mixed_precision": floats})

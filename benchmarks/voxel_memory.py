@@ -50,16 +50,16 @@ def measure(folder: Path, resolution: float, classes: int, occlusion: bool, stud
     path = folder / "voxels.yaml"
     path.write_text(yaml.safe_dump(config), encoding="utf-8")
     _, plan = read_plan(path)
-    store, voxels = Store(folder / "store"), math.prod(plan.trials[0].pog.params.roi.shape)
+    store, voxels = Store(folder / "store"), math.prod(plan.trials[0].pog.stage.roi.shape)
     before = 0.0
     for task in plan.tasks:
         run_task(task, store)
         peak = store.record(task)["peak_memory"]
-        if task.stage == "scene":
+        if task.stage.name == "scene":
             before = peak
         else:
             print(
-                f"{task.stage:15} {voxels:.3g} voxels, {classes} classes, occlusion {occlusion}: "
+                f"{task.stage.name:15} {voxels:.3g} voxels, {classes} classes, occlusion {occlusion}: "
                 f"{(peak - before) / voxels:4.1f} bytes a voxel, "
                 f"{voxel_memory(task) / voxels:.0f} estimated",
                 flush=True,

@@ -30,7 +30,7 @@ from sweeps.results.trial_results import trial_failure
 from sweeps.store.cleaning import clean_store
 from sweeps.store.local import Store
 from sweeps.store.open import reference
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 from tracking.findings.evidence import largest_linear_share, ray_counting_caution
 from tracking.findings.summary import summary_table
 from tracking.mlflow.content import ParentRun

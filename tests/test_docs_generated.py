@@ -3,7 +3,7 @@
 import pytest
 
 from docs import api, architecture, commands, configuration, run_folder, sensors
-from sweeps.tasks.stages import FUNCTIONS
+from sweeps.tasks.XXX import FUNCTIONS
 
 PAGES = [api, architecture, commands, configuration, run_folder, sensors]
 

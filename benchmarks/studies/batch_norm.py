@@ -85,7 +85,7 @@ def _recalibrated(store: Store, judge: Trial, own: Trial) -> pd.DataFrame:
     weights = store.load(judge.finetune)
     inputs = [store.load(task) for task in own.finetune.inputs]
     clouds, _ = stages._clouds_and_objects(inputs)
-    params = judge.evaluate.params
+    params = judge.evaluate.stage
     model = build(params.detector, weights["classes"], point_range=params.point_range)
     model.load_state_dict(weights["state_dict"])
     state = _statistics_of(model, clouds)

@@ -170,7 +170,7 @@ def scenes(config: Path, overrides: Sequence[str] = ()) -> Found:
         check_memory(plan.tasks, sweep.common.ray.address)
     except ValueError as error:
         return Found(" ".join(str(error).split()), "missing", f"correct {config}")
-    for judge in {own.params.judge for own in plan.tasks if own.stage == "command"}:
+    for judge in {own.stage.judge for own in plan.tasks if own.stage.name == "command"}:
         program = shlex.split(judge.command)[0]
         place = str(judge.folder / program) if "/" in program else program
         if program != "{python}" and shutil.which(place) is None:

@@ -19,8 +19,8 @@ from sweeps.results.failure_frames import frames_of
 from sweeps.results.object_tables import ABOUT, found_in
 from sweeps.results.run_folder import OF_EVALUATION
 from sweeps.results.trial_results import Cell, with_columns
-from sweeps.tasks.results import Evaluated
-from sweeps.tasks.stages import evaluated
+from sweeps.stages.evaluate import EvaluationResult
+from sweeps.stages.evaluate import evaluate_detections
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.arrays import FailureFrames
@@ -30,7 +30,7 @@ from tracking.run_folders.sweep_json import Frames, SweepResult
 DETECTOR = "own"
 """What tables call the detector that made them."""
 
-Worth = Mapping[str, Sequence[Evaluated]]
+Worth = Mapping[str, Sequence[EvaluationResult]]
 """What the detections of a rig are worth, by its name and by training."""
 
 
@@ -38,7 +38,7 @@ def evaluate_rigs(asked: Asked) -> Worth:
     """Compare the detections of every rig with the objects that count."""
     test = asked.test
     return {
-        name: [evaluated(test.objects, own, test.routes, test.classes, {}) for own in seeds]
+        name: [evaluate_detections(test.objects, own, test.routes, test.classes, {}) for own in seeds]
         for name, seeds in asked.rigs.items()
     }
 
@@ -48,7 +48,7 @@ def results_of(found: Worth) -> tuple[pd.DataFrame, pd.DataFrame]:
     return _stack(found, "metrics"), _stack(found, "left_out")
 
 
-def _trials(found: Worth) -> list[tuple[dict[str, Cell], Evaluated]]:
+def _trials(found: Worth) -> list[tuple[dict[str, Cell], EvaluationResult]]:
     return [
         ({"trial": f"{name}/{seed}", "placement": name, "detector": DETECTOR, "seed": seed}, own)
         for name, seeds in found.items()
@@ -107,7 +107,7 @@ def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> No
         frames_of(compared, boxes, lambda trial, frame: none).write(folder)
 
 
-def _found(objects: pd.DataFrame, own: Evaluated, place: Mapping[str, Cell]) -> pd.DataFrame:
+def _found(objects: pd.DataFrame, own: EvaluationResult, place: Mapping[str, Cell]) -> pd.DataFrame:
     """Whether each object was found; how many points were on it is not known."""
     hit = found_in(objects, own.detections)
     return pd.DataFrame({"trial": place["trial"], "object": objects["object"], "found": hit})

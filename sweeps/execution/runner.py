@@ -17,7 +17,7 @@ from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress import StageProgress
 from sweeps.store.local import Store
 from sweeps.store.lock import locked
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.uri import sqlite_file, ui_command

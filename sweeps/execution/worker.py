@@ -17,10 +17,9 @@ from sweeps.execution.failures import Failure
 from sweeps.execution.progress import NOTED_S, about
 from sweeps.store.local import Note, Store
 from sweeps.store.result_folder import R, Ran
-from sweeps.tasks.parameters import NetworkParams
-from sweeps.tasks.results import Trained
-from sweeps.tasks.stages import FUNCTIONS
-from sweeps.tasks.task import Task
+from sweeps.stages.train import Network
+from sweeps.stages.train import TrainedDetector
+from sweeps.stages.task import Task
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0
     files, not sent: workers on one machine share the pages, and clouds larger than the memory can
     be trained on. A network takes `gpu_share` of a GPU's memory; `halvings` is how often its batch
     size is halved, after that was too small."""
-    if isinstance(task.params, NetworkParams) and gpu_share:
+    if isinstance(task.stage, Network) and gpu_share:
         import torch
 
         if torch.cuda.is_available():  # batches that need more do not fit
@@ -59,8 +58,8 @@ def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0
         reset_peak_memory()
         inputs = [_load(store, needed) for needed in task.inputs]
         start = time.perf_counter()
-        call = partial(FUNCTIONS[task.stage], task.params, *inputs)
-        if task.resumable:
+        call = partial(task.stage.run, *inputs)
+        if task.stage.resumable:
             how = {"on_step": _Progress(task, note).on_step, "halvings": halvings}
             with store.working_folder(task) as folder:
                 value = call(folder=folder, **how)
@@ -68,11 +67,11 @@ def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0
             value = call()
         seconds = time.perf_counter() - start
         ran = Ran(node, pid, peak_memory())
-        if isinstance(value, Trained):
+        if isinstance(value, TrainedDetector):
             seconds += value.earlier_seconds
             ran = Ran(node, pid, ran.peak_memory, value.batch_size_reduced, value.earlier_seconds)
         store.save(task, value, seconds, ran)
-        if task.resumable:
+        if task.stage.resumable:
             store.discard(task)
 
 
@@ -92,7 +91,7 @@ class _Progress:
         self._noted = -math.inf
 
     def on_step(self, done: float) -> None:
-        now, epochs = time.monotonic(), self._task.params.training.epochs
+        now, epochs = time.monotonic(), self._task.stage.training.epochs
         since, before = self._first = self._first or (now, done)
         if now - self._noted < NOTED_S:
             return

@@ -88,7 +88,7 @@ def datasets(trial: DetectorTrial) -> list[Dataset]:
     collected, found = (trial.learns.inputs, trial.collect_test), []
     counts = trial.grid_point.point.scene.frame_counts()
     for context, tasks, frames in zip(contexts, collected, counts, strict=True):
-        of_split = (t for t in tasks if t.stage == "collect" and t.params.split == context)
+        of_split = (t for t in tasks if t.stage.name == "collect" and t.stage.split == context)
         scenes = [task.inputs[0] for task in of_split]
         name, keys = f"{trial.scene_label} {context}", "/".join(task.key for task in scenes)
         digest = keys if len(scenes) == 1 else hashlib.sha256(keys.encode()).hexdigest()[:24]

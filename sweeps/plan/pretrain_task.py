@@ -9,15 +9,15 @@ from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import Crop
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.trial import Plan, with_detector
-from sweeps.tasks.parameters import PretrainParams, TrainingParams
-from sweeps.tasks.results import Trained
-from sweeps.tasks.task import Task
+from sweeps.stages.train import FinetuneStage, PretrainStage
+from sweeps.stages.train import TrainedDetector
+from sweeps.stages.task import Task
 
 _MIXED = ("placement", "lidar", "vehicle", "mounting_errors", "seed", "surrogate")
 """Axes that may have several values: those of the rig are mixed, the others do not matter."""
 
 
-def training_of(sweep: Sweep, plan: Plan) -> Task[Trained]:
+def training_of(sweep: Sweep, plan: Plan) -> Task[TrainedDetector]:
     """A training on the clouds of all placements of a sweep, with the seed of its first point.
     Raises InputError: no detector, or several, or trainings, scenes, ROIs, lists of classes."""
     for axis in sweep.axes:
@@ -33,27 +33,27 @@ def training_of(sweep: Sweep, plan: Plan) -> Task[Trained]:
         fix = "name the detector of the base"
         raise InputError("null or a command trains nothing", key="detector", fix=fix)
     inputs = {needed.key: needed for training in trainings for needed in training.inputs}
-    params = trainings[0].params
-    params = replace(params, point_range=_around([own.params.point_range for own in trainings]))
+    params = trainings[0].stage
+    params = replace(params, point_range=_around([own.stage.point_range for own in trainings]))
     return Task("pretrain", params.detector, params, tuple(inputs.values()))
 
 
-def pretrain_task(trainings: Sequence[Task[Trained]]) -> Task[Trained]:
+def pretrain_task(trainings: Sequence[Task[TrainedDetector]]) -> Task[TrainedDetector]:
     """One training on the clouds of several, of sweeps or of the generalists of searches, with the
     network and the settings that they share. Raises InputError: they differ in these."""
-    every = [training.params for training in trainings]
+    every = [training.stage for training in trainings]
     for name in ("detector", "classes", "training", "typical", "seed"):
         values = {repr(getattr(params, name)) for params in every}
         if len(values) > 1:
             found, expected = " and ".join(sorted(values)), "one network for all configurations"
             raise InputError(key=name, expected=expected, found=found)
-    same = {own.name: getattr(every[0], own.name) for own in fields(TrainingParams)}
-    params = PretrainParams(
+    same = {own.name: getattr(every[0], own.name) for own in fields(FinetuneStage)}
+    params = PretrainStage(
         **same | {"point_range": _around([own.point_range for own in every])},
         scenes=tuple(len(training.inputs) for training in trainings),
     )
     inputs = tuple(needed for training in trainings for needed in training.inputs)
-    rigs = {own.params.placement for own in inputs if hasattr(own.params, "placement")}
+    rigs = {own.stage.placement for own in inputs if hasattr(own.stage, "placement")}
     label = f"{params.detector} · {len(rigs)} rigs"
     return Task("pretrain", label, params, inputs, gpu=True, resumable=True)
 

@@ -50,8 +50,8 @@ def planned(sweep: Sweep, plan: Plan, store: Store) -> Planned:
     """Look at what is there, and count what is not."""
     cached = store.finished(plan.tasks)
     tasks = at_most(sweep, plan)
-    total = Counter(task.stage for task in tasks)
-    there = Counter(task.stage for task in tasks if task.key in cached)
+    total = Counter(task.stage.name for task in tasks)
+    there = Counter(task.stage.name for task in tasks if task.key in cached)
     frames = {t.scene_label: t.grid_point.point.scene.frame_counts() for t in plan.trials}
     counts = ("train_frames", "test_frames")
     return Planned(

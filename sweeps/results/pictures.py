@@ -15,7 +15,7 @@ from lidarplace.pog.surrogates.table import DECIDING
 from lidarplace.requirements.tables import Ground
 from sweeps.plan.trial import DetectorTrial, Plan, Trial
 from sweeps.store.local import Store
-from sweeps.tasks.stages import grids_of
+from sweeps.stages.pog import grids_of
 from tracking.run_folders.arrays import Frame, Grounds, Maps
 
 MOST_UNTESTED = 12

@@ -21,7 +21,7 @@ from sweeps.configuration.sweep import Rung
 from sweeps.plan.trial import Plan, Trial, with_detector
 from sweeps.results.trial_results import Cell, cells, headline_value, trial_seconds
 from sweeps.store.local import Store
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 
 _ALL = "all"
 

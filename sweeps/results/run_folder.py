@@ -39,7 +39,7 @@ from sweeps.results.trial_results import (
     with_columns,
 )
 from sweeps.store.local import Store
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 from tracking.mlflow.uri import absolute_uri
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
@@ -175,7 +175,7 @@ def trials_table(plan: Plan, store: Store, run: Run, axes: Sequence[str]) -> pd.
 def _detection_cautions(trials: Sequence[DetectorTrial], store: Store) -> list[str]:
     """Return the cautions about the detections of commands, each command once."""
     learnt = {trial.learns.key: trial.learns for trial in trials}
-    commands = [task for task in learnt.values() if task.stage == "command"]
+    commands = [task for task in learnt.values() if task.stage.name == "command"]
     return [text for task in commands for text in store.read(task, attrgetter("cautions"))]
 
 
@@ -235,7 +235,7 @@ def _tasks_table(tasks: Sequence[Task], store: Store, run: Run) -> pd.DataFrame:
             seconds -= record.earlier_seconds
         rows.append(
             {
-                "stage": task.stage,
+                "stage": task.stage.name,
                 "label": task.label,
                 "key": task.key,
                 "seconds": seconds,

@@ -34,7 +34,7 @@ from sweeps.search.trials.study import Timing, emptied_journal, open_study, quie
 from sweeps.search.trials.traffic import NoTraffic, Pool, SurrogateAnswers, training_traffic
 from sweeps.store.local import Store
 from sweeps.store.open import reference
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.page import source_tags

@@ -18,7 +18,7 @@ from sweeps.store.entries import SWEEPS, Entry, entry_of, keys_in
 from sweeps.store.lock import locked
 from sweeps.store.result_folder import DamagedResult, R, Ran, Record, T
 from sweeps.store.whole import whole_folder
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Store:
         return str(self.folder)
 
     def path(self, task: Task) -> Path:
-        return self.folder / task.stage / task.key
+        return self.folder / task.stage.name / task.key
 
     def finished(self, tasks: Iterable[Task]) -> set[str]:
         return {task.key for task in self._with(lambda task: task.key, tasks)}
@@ -57,7 +57,7 @@ class Store:
         OSError: it cannot be written, nothing of it is left; TypeError as `write_result`."""
         with self.incoming(task) as folder:
             record = Record(label=task.label, seconds=seconds, **asdict(ran))
-            results.write_result(folder, value, f"{task.stage}/{task.key}", record)
+            results.write_result(folder, value, f"{task.stage.name}/{task.key}", record)
 
     def load(self, task: Task[R]) -> R:
         """Read a result. Large arrays are mapped, read-only. Raises FileNotFoundError: there is
@@ -199,10 +199,10 @@ class Store:
         return locked(self.folder, alone=True)
 
     def _hidden(self, task: Task, kind: str) -> Path:
-        return self.folder / task.stage / f".{task.key}.{kind}"
+        return self.folder / task.stage.name / f".{task.key}.{kind}"
 
     def _note_place(self, task: Task) -> str:
-        return f"{task.stage}/{self.note(task).name}"
+        return f"{task.stage.name}/{self.note(task).name}"
 
     def _noted(self, tasks: Iterable[Task]) -> Iterator[Task]:
         return self._with(lambda task: self.note(task).name, tasks)
@@ -211,9 +211,9 @@ class Store:
         """Tasks of which a name is in the stage's folder: one listing, however many tasks."""
         there: dict[str, Collection[str]] = {}
         for task in tasks:
-            if task.stage not in there:
-                there[task.stage] = self._names(task.stage)
-            if name(task) in there[task.stage]:
+            if task.stage.name not in there:
+                there[task.stage.name] = self._names(task.stage.name)
+            if name(task) in there[task.stage.name]:
                 yield task
 
     def _names(self, stage: str) -> Collection[str]:

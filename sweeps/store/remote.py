@@ -17,7 +17,7 @@ from sweeps.store.entries import SWEEPS, Entry, entry_of
 from sweeps.store.local import Note, Store
 from sweeps.store.result_folder import RECORD, DamagedResult, R, Ran, Record, T
 from sweeps.store.whole import put_whole
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class RemoteStore(Store):
     def has(self, task: Task) -> bool:
         """Whether the result is there; a copy alone does not count, others cannot read it."""
         filesystem, root = self._remote()
-        return bool(filesystem.exists(f"{root}/{task.stage}/{task.key}/{RECORD}"))
+        return bool(filesystem.exists(f"{root}/{task.stage.name}/{task.key}/{RECORD}"))
 
     def save(self, task: Task[R], value: R, seconds: float, ran: Ran = Ran()) -> None:
         with suppress(FileNotFoundError, DamagedResult):
@@ -47,7 +47,7 @@ class RemoteStore(Store):
         if self.has(task):
             return
         filesystem, root = self._remote()
-        folder, target = self.path(task), f"{root}/{task.stage}/{task.key}"
+        folder, target = self.path(task), f"{root}/{task.stage.name}/{task.key}"
         content = results.read_content(folder)
         if content.files:
             filesystem.put(
@@ -66,7 +66,7 @@ class RemoteStore(Store):
             return super().read(task, of)
         except DamagedResult as error:
             if not copied:
-                self._remove_result(f"{task.stage}/{task.key}")
+                self._remove_result(f"{task.stage.name}/{task.key}")
                 raise
             logging.getLogger(__name__).warning("%s from %s", error, self.shown)
         return self.read(task, of)
@@ -74,7 +74,7 @@ class RemoteStore(Store):
     def record(self, task: Task) -> Record:
         with suppress(FileNotFoundError, DamagedResult):
             return super().record(task)
-        place = f"{task.stage}/{task.key}"
+        place = f"{task.stage.name}/{task.key}"
         data = self._read(f"{place}/{RECORD}")
         try:
             return results.parse_content(data, place, f"{self.shown}/{place}").record
@@ -87,7 +87,7 @@ class RemoteStore(Store):
         """The folder is copied there every few seconds, so that another machine can go on."""
         filesystem, root = self._remote()
         attempts = self.attempts(task)
-        place = f"{root}/{task.stage}/{attempts.name}"
+        place = f"{root}/{task.stage.name}/{attempts.name}"
         fetch(filesystem, place, attempts)
         with super().working_folder(task) as folder, mirrored(folder, filesystem, place):
             yield folder
@@ -95,7 +95,7 @@ class RemoteStore(Store):
     def discard(self, task: Task) -> None:
         super().discard(task)
         if task.resumable:
-            self._remove(f"{task.stage}/{self.attempts(task).name}")
+            self._remove(f"{task.stage.name}/{self.attempts(task).name}")
         self._remove_file(self._note_place(task))
 
     @contextmanager
@@ -181,7 +181,7 @@ class RemoteStore(Store):
 
     def _copy_here(self, task: Task) -> None:
         filesystem, root = self._remote()
-        place = f"{task.stage}/{task.key}"
+        place = f"{task.stage.name}/{task.key}"
         with self.incoming(task) as folder:
             filesystem.get_file(f"{root}/{place}/{RECORD}", str(folder / RECORD))
             data = (folder / RECORD).read_bytes()

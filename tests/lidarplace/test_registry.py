@@ -12,7 +12,8 @@ from lidarplace.base import registry
 from lidarplace.base.registry import OneOf, PluginError, Registry
 from sweeps.execution import ray_cluster
 from sweeps.tasks import code_version
-from sweeps.tasks.task import Task, code_of
+from sweeps.stages.task import Task
+from sweeps.tasks.XXX import code_of
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from sweeps.store.cleaning import clean_store
 from sweeps.store.entries import size_of
 from sweeps.store.local import Note, Store
 from sweeps.store.remote import RemoteStore
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 from tests.sweeps.toy import Toy, call, result
 
 

@@ -9,7 +9,7 @@ import pytest
 from sweeps import PACKAGES
 from sweeps.tasks.code_version import Code
 from sweeps.tasks.source import read_source
-from sweeps.tasks.stages import FUNCTIONS
+from sweeps.tasks.XXX import FUNCTIONS
 from tests.refused import refused
 
 ROOT = Path(__file__).parents[2]

@@ -21,8 +21,9 @@ from sweeps.commands.doctor import scenes
 from sweeps.configuration.command import CommandJudge
 from sweeps.plan.plan import read_plan
 from sweeps.store.open import store_of
-from sweeps.tasks.command import CommandFailed, detected_by
-from sweeps.tasks.parameters import CommandParams
+from sweeps.stages.command import CommandFailed
+from sweeps.tasks.XXX import detected_by
+from sweeps.stages.command import CommandStage
 from tests.forked import Forked
 from tests.mlflow_database import write_database
 from tests.sweeps.toy import call
@@ -112,7 +113,7 @@ def test_ap_is_that_of_the_same_boxes(here):
 
 def keys(path: Path, *overrides: str) -> list[str]:
     _, plan = read_plan(path, overrides)
-    return [task.key for task in plan.tasks if task.stage == "command"]
+    return [task.key for task in plan.tasks if task.stage.name == "command"]
 
 
 def test_what_decides_a_result(here):
@@ -136,13 +137,13 @@ def test_seeds_are_of_a_command_that_names_them(here):
     assert len(keys(write_judged(here, seeded, grid={"seed": [1, 2]}))) == 2
 
 
-def params(folder: Path, code: str, **changes: object) -> CommandParams:
+def params(folder: Path, code: str, **changes: object) -> CommandStage:
     (folder / "own.py").write_text(code)
     command = f"{sys.executable} own.py {{clouds}} {{detections}}"
     how = {"command": command, "format": "parquet", "folder": folder, "time_limit": 20.0}
     judge = CommandJudge.model_validate(how | changes)
     log = folder / "commands/a.log"
-    return CommandParams(judge, (), ("Car",), rig=None, seed=None, log=log)
+    return CommandStage(judge, (), ("Car",), rig=None, seed=None, log=log)
 
 
 @pytest.fixture
@@ -303,4 +304,4 @@ def test_a_command_after_a_generalist(here):
     path = write_judged(here, {}, grid=grid, promote=[rung])
     _, plan = read_plan(path)
     assert [trial.label for trial in plan.trials][-1] == "center · toy · seed 0 · judge=toy"
-    assert [task.stage for task in plan.tasks].count("command") == 2
+    assert [task.stage.name for task in plan.tasks].count("command") == 2

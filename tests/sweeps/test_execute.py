@@ -10,8 +10,8 @@ from sweeps.execution.memory import Need, need_of
 from sweeps.execution.schedule import Schedule
 from sweeps.store.local import Store
 from sweeps.store.result_folder import DamagedResult
-from sweeps.tasks.parameters import TrainingParams
-from sweeps.tasks.task import Task
+from sweeps.stages.train import FinetuneStage
+from sweeps.stages.task import Task
 from tests.sweeps.toy import Loud, Toy, flip_bit
 from training.settings import TrainingSettings
 
@@ -259,7 +259,7 @@ class Remembering(InProcess):
 
 def training(n, batch_size=8):
     settings, crop = TrainingSettings(batch_size=batch_size), (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
-    params = TrainingParams("second", ("Car",), settings, crop, seed=n, checkpoint=None)
+    params = FinetuneStage("second", ("Car",), settings, crop, seed=n, checkpoint=None)
     return Task("finetune", f"second {n}", params, gpu=True, resumable=True)
 
 

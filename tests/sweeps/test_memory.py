@@ -15,9 +15,9 @@ from sweeps.commands.search import app as search_app
 from sweeps.execution import memory
 from sweeps.plan.plan import read_plan
 from sweeps.results.pictures import uncovered
-from sweeps.tasks.parameters import PogParams
-from sweeps.tasks.stages import FUNCTIONS
-from sweeps.tasks.task import Task
+from sweeps.stages.pog import PogStage
+from sweeps.tasks.XXX import FUNCTIONS
+from sweeps.stages.task import Task
 from tests.refused import refused
 from tests.sweeps.search_files import write_search
 from tests.sweeps.toy import call
@@ -32,11 +32,11 @@ def test_the_estimate_is_what_a_pog_takes(classes):
     boxes = boxes.assign(scene="a", frame=0, object_id=range(len(classes)), **{"class": classes})
     frames = pd.DataFrame({"scene": "a", "frame": [0], "route": 0, "split": "train"})
     log = BoxLog(boxes, frames)
-    task = Task("pog", "a", PogParams(roi, classes))
-    FUNCTIONS["pog"](task.params, log)  # compiled by now
+    task = Task("pog", "a", PogStage(roi, classes))
+    FUNCTIONS["pog"](task.stage, log)  # compiled by now
     tracemalloc.start()
     try:
-        value = FUNCTIONS["pog"](task.params, log)
+        value = FUNCTIONS["pog"](task.stage, log)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -78,7 +78,7 @@ def test_it_is_read_as_a_recorded_placement(tmp_path, place3d, monkeypatch):
     _, plan = read_plan(write_sweep(tmp_path, scene=scene, **keys))
     (trial,) = plan.trials
     (test,) = trial.collect_test
-    found = stages.collect(test.params, log)
+    found = stages.collect(test.stage, log)
     assert len(found.frames) == 2
     assert (found.points_per_object["points"] == 30).all()
 

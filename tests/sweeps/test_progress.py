@@ -13,7 +13,7 @@ from sweeps.execution.failures import Failure
 from sweeps.execution.progress import Running, StageProgress, TimeLeft, about, minutes
 from sweeps.search.run import TrialProgress
 from sweeps.store.local import Note, Store
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 from tests.forked import GUARD_S
 from tests.sweeps.toy import Toy
 
@@ -65,9 +65,9 @@ def test_the_estimate_is_what_machines_take_that_go_on_like_that(counts, lengths
         while waiting and len(ends) < machines:
             task = waiting.pop(0)
             running.started(task)
-            heapq.heappush(ends, (clock.now + length[task.stage], len(tasks) - len(waiting), task))
+            heapq.heappush(ends, (clock.now + length[task.stage.name], len(tasks) - len(waiting), task))
         clock.now, _, task = heapq.heappop(ends)
-        left.ended(task.stage, running.ended(task))
+        left.ended(task.stage.name, running.ended(task))
         told.append((clock.now, left.seconds(running, clock.now)))
     longest = max(length[stage] for stage in stages)
     for now, estimate in told:

@@ -18,7 +18,8 @@ from sweeps.plan.plan import make_plan
 from sweeps.results.promotion import at_most, promote, survivors
 from sweeps.results.trial_results import trial_failure
 from sweeps.store.local import Store
-from sweeps.tasks.results import Evaluated, Scores
+from sweeps.stages.evaluate import EvaluationResult
+from sweeps.stages.surrogates import Scores
 from tests.sweeps.toy import Quiet, Toy, result
 from tracking.run_folders.sweep_tables import PROMOTIONS
 
@@ -50,7 +51,7 @@ def quick(monkeypatch):
         trained.append(mounts)
         return Toy([params.seed, params.training.epochs])
 
-    def evaluate(params, weights, clouds, *inputs) -> Evaluated:
+    def evaluate(params, weights, clouds, *inputs) -> EvaluationResult:
         value = ap[clouds.n](*weights.n)
         columns = ["class", "metric", "iou", "difficulty", "value", "ground_truths"]
         rows = [("Car", "AP_R40_3D", 0.7, "all", value, 9)]
@@ -66,7 +67,7 @@ def quick(monkeypatch):
 
 def mounts_of(plan, name):
     trial = next(trial for trial in plan.trials if trial.grid_point.point.placement == name)
-    return repr(trial.collect_test[0].params.placement.mounts)
+    return repr(trial.collect_test[0].stage.placement.mounts)
 
 
 def read_with(ap, folder, *values, **changes):
@@ -174,7 +175,7 @@ def test_a_failed_surrogate_is_a_failure_and_no_verdict(tmp_path, quick, monkeyp
     first = plan.trials[0]
 
     def fail(params, pog) -> Scores:
-        if params == first.surrogates.params:
+        if params == first.surrogates.stage:
             raise OSError(28, "No space left on device")
         return true(params, pog)
 
@@ -199,9 +200,9 @@ def test_placements_compete_within_a_detector(tmp_path, quick):
 
 def test_the_plan_counts_what_promotion_leaves(tmp_path):
     sweep, plan = read(tmp_path)
-    trainings = [task for task in at_most(sweep, plan) if task.stage == "finetune"]
+    trainings = [task for task in at_most(sweep, plan) if task.stage.name == "finetune"]
     assert len(trainings) == 3 * 2 + 1 * 2
-    assert sum(task.stage == "finetune" for task in plan.tasks) == 2 * 4 * 2
+    assert sum(task.stage.name == "finetune" for task in plan.tasks) == 2 * 4 * 2
 
 
 finite = st.floats(-1e300, 1e300)

@@ -25,7 +25,7 @@ from lidarplace.rigs.recorded import RecordedRig
 from sweeps.store.local import Note, Store
 from sweeps.store.lock import is_locked, locked
 from sweeps.store.result_folder import DamagedResult, Ran, Record
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 from tests.refused import refused
 from tests.sweeps.toy import Toy, flip_bit, keep_in, result, texts, write
 
@@ -56,13 +56,13 @@ def value(n=3, **more):
 
 @pytest.fixture
 def store(tmp_path, monkeypatch):
-    keep_in(monkeypatch, TASK.stage, Kept)
+    keep_in(monkeypatch, TASK.stage.name, Kept)
     return Store(tmp_path / "store")
 
 
 def names(store):
     """All that lies beside the results."""
-    folder = store.folder / TASK.stage
+    folder = store.folder / TASK.stage.name
     return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
 
 
@@ -86,7 +86,7 @@ def test_what_was_saved_is_loaded(store):
 
 
 def test_a_log_is_loaded_with_its_rigs(store, monkeypatch):
-    keep_in(monkeypatch, TASK.stage, BoxLog)
+    keep_in(monkeypatch, TASK.stage.name, BoxLog)
     rig = RecordedRig(("a", "b", "c", "d"), PAPER_PLACEMENTS["line"])
     log = BoxLog(pd.DataFrame({"frame": [1]}), pd.DataFrame({"frame": [1]}), rigs={"town": rig})
     store.save(TASK, log, seconds=0.0)

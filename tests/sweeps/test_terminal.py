@@ -19,7 +19,7 @@ from sweeps.execution.progress import StageProgress
 from sweeps.results.dry_run import Planned, print_planned
 from sweeps.results.state import SweepState, TrialState
 from sweeps.store.local import Store
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 from tests.sweeps.toy import Toy
 
 ROOT = Path(__file__).parents[2]

@@ -6,7 +6,7 @@ from typing import Any
 from typer.testing import CliRunner
 
 from lidarplace.files.atomic import replacing
-from sweeps.tasks.stages import FUNCTIONS
+from sweeps.tasks.XXX import FUNCTIONS
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import DetectorTrial, with_detector
 from sweeps.search.problem.choice import Choice, Choices, ordered
 from sweeps.search.problem.problem import Problem
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 
 JudgedRig = Sequence[Sequence[DetectorTrial]]
 """A rig's trials: of every generalist one for each test."""

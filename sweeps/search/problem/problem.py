@@ -43,7 +43,8 @@ from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep
 from sweeps.search.problem.space import Placed, Space, placed_in
 from sweeps.search.problem.training_rigs import rigs_near, training_rigs
 from sweeps.tasks.code_version import code_version
-from sweeps.tasks.task import Task, code_of, plain
+from sweeps.stages.task import Task, plain
+from sweeps.tasks.XXX import code_of
 
 _ANSWERING = {
     *("lidar", "weather", "surrogate", "placement", "placements"),

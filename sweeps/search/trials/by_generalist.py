@@ -27,9 +27,11 @@ from sweeps.search.trials.study import finished_trials
 from sweeps.search.trials.traffic import Asked, Measured, Pool, SurrogateAnswers
 from sweeps.store.local import Store
 from sweeps.store.open import reference
-from sweeps.tasks.parameters import CollectParams, JudgeParams
-from sweeps.tasks.results import Evaluated, GroundTruth, Judged
-from sweeps.tasks.task import Task, with_inputs
+from sweeps.stages.collect import CollectStage
+from sweeps.stages.evaluate import DetectStage
+from sweeps.stages.evaluate import DetectedFrames, EvaluationResult
+from sweeps.stages.ground_truth import GroundTruth
+from sweeps.stages.task import Task, with_inputs
 
 PORTIONS = 4
 """The first portion of the frames is one of so many."""
@@ -165,7 +167,7 @@ def expected_on_all(first: float, both: Sequence[tuple[float, float]]) -> float:
 
 def judged_metrics(
     store: Store,
-    portions: Sequence[Task[Judged]],
+    portions: Sequence[Task[DetectedFrames]],
     truths: Sequence[Task[GroundTruth]],
     classes: Sequence[str],
     ious: Mapping[str, Overlaps],
@@ -187,20 +189,20 @@ def judged_metrics(
     ).metrics
 
 
-def judge_task(evaluate: Task[Evaluated], first: int, every: int) -> Task[Judged]:
+def judge_task(evaluate: Task[EvaluationResult], first: int, every: int) -> Task[DetectedFrames]:
     """The detections that `evaluate`, of a rig whose clouds are simulated, starts from, in frames
     `first`, `first + every` … of each part of the scene, and without kept clouds."""
     training, *inputs = evaluate.inputs
-    collected = [task for task in inputs if isinstance(task.params, CollectParams)]
-    collection = replace(collected[0].params, first=first, every=every)
+    collected = [task for task in inputs if isinstance(task.stage, CollectStage)]
+    collection = replace(collected[0].stage, first=first, every=every)
     return Task(
         "judge",
         f"{evaluate.label} · frames {first + 1} of {every}",
-        JudgeParams(**vars(evaluate.params) | {"ious": (), "metrics": ()}, collection=collection),
+        DetectStage(**vars(evaluate.stage) | {"ious": (), "metrics": ()}, collection=collection),
         (training, *(scene for task in collected for scene in task.inputs)),
         gpu=True,
     )
 
 
-def _judging(trial: DetectorTrial, portions: range) -> list[Task[Judged]]:
+def _judging(trial: DetectorTrial, portions: range) -> list[Task[DetectedFrames]]:
     return [judge_task(trial.evaluate, portion, PORTIONS) for portion in portions]

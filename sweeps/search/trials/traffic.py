@@ -24,9 +24,10 @@ from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.study import Timing, assessment_of, finished_trials, tell
 from sweeps.store.local import Store
 from sweeps.store.open import reference
-from sweeps.tasks.parameters import RecallParams
-from sweeps.tasks.stages import grids_of, objects_of
-from sweeps.tasks.task import Task
+from sweeps.stages.recall import RecallStage
+from sweeps.stages.pog import grids_of
+from sweeps.tasks.XXX import objects_of
+from sweeps.stages.task import Task
 
 
 class NoTraffic(RuntimeError):
@@ -68,8 +69,8 @@ def training_traffic(
 
 def _objects(problem: Problem, store: Store, recall: Task) -> ExpectedRecall:
     """The objects of which the objectives are, under rigs as clouds are collected."""
-    file, params = problem.file, recall.params
-    assert isinstance(params, RecallParams)
+    file, params = problem.file, recall.stage
+    assert isinstance(params, RecallStage)
     asked = [o for o in file.search.objective if o.by in OBJECT_SURROGATES]
     weighted = {name for objective in asked for name in objective.weights_of(file.classes)}
     params = replace(params, classes=tuple(name for name in file.classes if name in weighted))
