@@ -14,9 +14,10 @@ from torch import nn
 
 from lidarplace.base import registry
 from lidarplace.base.errors import InputError
-from sweeps.execution import ray_cluster
 from sweeps.execution.failures import Failure
-from sweeps.tasks import code_version, task
+from sweeps.execution.ray_cluster import _plug_ins
+from sweeps.tasks import code_version
+from sweeps.tasks.XXX import code_of
 from tests.docs_blocks import ROOT
 from tests.extending import install
 from tests.forked import GUARD_S, Forked, run_forked
@@ -127,15 +128,13 @@ def test_its_code_reaches_workers_and_keys(plugins, tmp_path, monkeypatch):
     shutil.copytree(EXAMPLE / "own_detector", tmp_path / "own_detector")
     monkeypatch.setattr(registry, "FOLDERS", [tmp_path])
     build_detector(NETWORK, ["Car"])
-    assert ray_cluster._plug_ins() == [str(tmp_path / "own_detector")]
-    assert task.code_of("evaluate", f"{NETWORK}_tiny") == (
-        code := task.code_of("evaluate", NETWORK)
-    )
+    assert _plug_ins() == [str(tmp_path / "own_detector")]
+    assert code_of("evaluate", f"{NETWORK}_tiny") == (code := code_of("evaluate", NETWORK))
     text = (tmp_path / "own_detector/nets.py").read_text()
     (tmp_path / "own_detector/nets.py").write_text(text.replace("SPREAD = 1.5", "SPREAD = 1.6"))
     code_version.code_version.cache_clear()
     code_version._code.cache_clear()
-    assert task.code_of("evaluate", NETWORK) != code
+    assert code_of("evaluate", NETWORK) != code
 
 
 BROKEN = """

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU, METRICS, Overlaps, iou_of
 from lidarplace.files.columns import check_columns, numbers
 from lidarplace.logs.boxes import GEOMETRY, check_boxes
-from lidarplace.logs.plausible import check_yaw
+from lidarplace.logs.plausibility import check_yaw
 from training import kitti_labels, leave_out
 from training.average_precision import (
     COUNTS,

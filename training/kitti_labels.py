@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
 from lidarplace.files.columns import check_columns
-from lidarplace.logs.plausible import check_yaw
+from lidarplace.logs.plausibility import check_yaw
 from lidarplace.scenes.kitti.labels import LABEL_COLUMNS
 from training.average_precision import COUNTS, IGNORED, OTHER, FramePairs
 

@@ -29,8 +29,8 @@ from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
 from lidarplace.scenes.label_tables.propose import propose_mapping
 from lidarplace.scenes.label_tables.read import read_label_table
 from lidarplace.scenes.label_tables.units import SECONDS
-from lidarplace.scenes.sanity_checks.boxes import doubts_of_degrees
-from lidarplace.scenes.sanity_checks.check_log import check_log, doubts_of_log, error_of
+from lidarplace.scenes.sanity_checks.boxes import implausible_degrees
+from lidarplace.scenes.sanity_checks.check_log import check_log, error_of, implausible_values
 
 Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
 
@@ -401,10 +401,10 @@ def _check(log: BoxLog, source: Path, mapping: TableMapping | None) -> list[str]
     mapping, which may accept them, those that are not certain are warnings."""
     if mapping is None:
         return check_log(log, source, fix="change {remedy} of a mapping (--propose begins one)")
-    of_degrees = doubts_of_degrees(log) if mapping.units.angle == "deg" else ()
-    for doubt in chain(of_degrees, doubts_of_log(log)):
-        if doubt.check not in mapping.accept:
-            accept = f"accept: [{doubt.check}]"
+    of_degrees = implausible_degrees(log) if mapping.units.angle == "deg" else ()
+    for value in chain(of_degrees, implausible_values(log)):
+        if value.check not in mapping.accept:
+            accept = f"accept: [{value.check}]"
             fix = f"change {{remedy}} of the mapping, or accept the value: {accept}"
-            raise error_of(doubt, log, source, mapping.column(doubt.column), fix)
+            raise error_of(value, log, source, mapping.column(value.column), fix)
     return []

@@ -10,11 +10,12 @@ import pandas as pd
 
 from lidarplace.base.class_names import IGNORE
 from lidarplace.base.errors import InputError, at
-from lidarplace.detections import layouts, limits
+from lidarplace.detections import layouts
 from lidarplace.detections.layouts import Found, LogFrames
 from lidarplace.files.regular import files_in
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.logs.plausibility import check_unit, first_invalid
 from lidarplace.scenes.datasets.class_maps import KITTI, ClassMap, classify, merged
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 
@@ -141,14 +142,14 @@ def _checked(
     table = found.table
     if not len(table):
         return pd.DataFrame(columns=list(COLUMNS)).astype(_TYPES)
-    values = table[list(limits.COLUMNS)].to_numpy(np.float64)
-    if (invalid := limits.first_invalid(values)) is not None:
+    values = table[[*GEOMETRY, "score"]].to_numpy(np.float64)
+    if (invalid := first_invalid(values)) is not None:
         row, key, expected = invalid
         where = {"place": found.row(row), "key": key}
         value = f"{table[key].iloc[row]:g}"
         raise InputError("invalid value", **where, expected=expected, found=value)
     with at(found.row(0)):
-        limits.check_unit(values[:, 3:6])
+        check_unit(values[:, 3:6])
     types = _with(classes, found.known, class_map)
     of_class = classify(table["category"], types, found.row, ignored)
     kept = np.isin(of_class, list(classes))

@@ -30,7 +30,7 @@ from lidarplace.configuration.settings import (
     short_for,
 )
 from lidarplace.configuration.weather import WeatherSettings
-from lidarplace.logs.plausible import MOST_SIZE_M
+from lidarplace.logs.plausibility import MOST_SIZE_M
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import IOU, DetectionCurves
 from lidarplace.requirements.area import Area

@@ -26,7 +26,7 @@ from lidarplace.rigs.recorded import RecordedRig, one_rig
 from lidarplace.scenes.datasets.class_maps import PAPER, PAPER_GROUPS, ClassMap, check_class_map
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.sanity_checks.check_log import check_log
-from lidarplace.scenes.sanity_checks.copies import doubts_of_copies
+from lidarplace.scenes.sanity_checks.copies import copied_test_frames
 
 
 class LogScene(Settings):
@@ -189,5 +189,5 @@ def _cautions(recordings: tuple[LogRecording, ...]) -> tuple[str, ...]:
     cautions = [caution for folder, log in logs.items() for caution in check_log(log, folder)]
     if len(logs) > 1:
         (_, train), (folder, test) = logs.items()
-        cautions += check_log(test, folder, doubts_of_copies(train, test))
+        cautions += check_log(test, folder, copied_test_frames(train, test))
     return tuple(cautions)

@@ -13,8 +13,8 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration import settings
 from lidarplace.configuration.settings import Count, CountFromOne, FileBeside, Seconds, Settings
+from lidarplace.logs.plausibility import DetectionCheck
 from lidarplace.scenes.layouts import LayoutName
-from training.sanity_checks.doubt import DetectionCheck
 
 PLACEHOLDERS = ("{clouds}", "{detections}", "{rig}", "{seed}", "{python}")
 JUDGES = ("specialist", "generalist", "finetuned", "pretrained")

@@ -19,12 +19,12 @@ from lidarplace.configuration.placement import read_placement
 from lidarplace.detections.read import LAYOUTS, read_detections
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.logs.boxes import SPLITS
+from lidarplace.logs.plausibility import DetectionCheck
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import one_rig
 from lidarplace.scenes.datasets.class_maps import named_class_map
 from sweeps.evaluation.test_frames import Counted, TestFrames
 from training.sanity_checks.check import check_detections
-from training.sanity_checks.doubt import DetectionCheck
 
 ALONE = "detections"
 """Name of a rig that got none."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 from sweeps.configuration.grid import GridPoint, Sweep
 from sweeps.plan.labels import task_label
@@ -42,7 +42,7 @@ class Planning:
     def add(self, stage: S, label: str, inputs: Iterable[Task] = ()) -> Task[S]:
         """Add a task, unless there is one with the same result, and return it."""
         task = Task(stage, label, tuple(inputs))
-        return self.tasks.setdefault(task.key, task)
+        return cast(Task[S], self.tasks.setdefault(task.key, task))
 
     def add_for(
         self, grid_point: GridPoint, stage: S, inputs: Iterable[Task] = (), *names: str

@@ -15,9 +15,9 @@ import numpy as np
 import pandas as pd
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
-from lidarplace.base import registry
 from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import METRICS
+from lidarplace.base.registry import PLUGINS
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.pog.surrogates.table import SURROGATES
 from sweeps.execution.failures import Failure
@@ -180,7 +180,7 @@ def outcome_of_plugin(kind: str, how: str, what: str, world: Path, place: Path) 
         contextlib.redirect_stderr(streams[1]),
         warnings.catch_warnings(record=True),
         patch.object(sys, "path", [*sys.path]),
-        patch.dict(registry.PLUGINS, clear=True),
+        patch.dict(PLUGINS, clear=True),
         contextlib.ExitStack() as stack,
     ):
         for known in registries:

@@ -8,9 +8,8 @@ from unittest.mock import patch
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from lidarplace.base import registry
-from lidarplace.base.registry import OneOf, PluginError, Registry
-from sweeps.execution import ray_cluster
+from lidarplace.base.registry import PLUGINS, OneOf, PluginError, Registry, _entry_points
+from sweeps.execution.ray_cluster import _cluster_environment, _plug_ins, _python_path
 from sweeps.tasks import code_version
 from sweeps.stages.task import Task
 from sweeps.tasks.XXX import code_of
@@ -20,10 +19,10 @@ from sweeps.tasks.XXX import code_of
 def site(tmp_path, monkeypatch):
     """A folder on the path, in which `install` puts distributions of one module."""
     monkeypatch.syspath_prepend(tmp_path)
-    caches = (registry._entry_points, code_version.code_version, code_version._code)
+    caches = (_entry_points, code_version.code_version, code_version._code)
     for kept in caches:
         kept.cache_clear()
-    with patch.dict(registry.PLUGINS, clear=True):
+    with patch.dict(PLUGINS, clear=True):
         yield tmp_path
     for kept in caches:
         kept.cache_clear()
@@ -66,7 +65,7 @@ def test_a_broken_plug_in_harms_no_other(site, caplog):
     assert all("\n" not in line for line in lines)
     with pytest.raises(PluginError, match=r"second \(plug_b:one\): .*/plug_b.py:1: Mod"):
         things["second"]
-    assert "plug_b" not in registry.PLUGINS, "a local Ray would send it to its workers"
+    assert "plug_b" not in PLUGINS, "a local Ray would send it to its workers"
     with pytest.raises(PluginError, match="third") as error:
         things["third"]
     assert error.value.found == "int"
@@ -95,7 +94,7 @@ def test_settings_look_names_up_when_they_are_read(site):
     assert Model(thing="ours").thing == "ours"
     assert Model(thing="none").thing == "none"
     install(site, "plug_a", ["first = plug_a:one"])
-    registry._entry_points.cache_clear()
+    _entry_points.cache_clear()
     assert Model(thing="first").thing == "first"
     assert Model(thing="plug_a:one").thing == "plug_a:one"
     names = Model.model_json_schema()["properties"]["thing"]["anyOf"][0]["enum"]
@@ -146,9 +145,9 @@ def test_the_key_of_a_task_follows_surrogates_and_metrics_of_plug_ins(site, fiel
 def test_workers_get_packages_and_metadata(site):
     install(site, "plug_a", ["first = plug_a:one"])
     things = new()
-    assert ray_cluster._plug_ins() == []
+    assert _plug_ins() == []
     things["first"]
     places = [str(site / "plug_a.py"), str(site / "plug_a-1.0.dist-info")]
-    assert ray_cluster._plug_ins() == places
-    assert ray_cluster._cluster_environment()["py_modules"][-2:] == places
-    assert str(site) in ray_cluster._python_path().split(":")
+    assert _plug_ins() == places
+    assert _cluster_environment()["py_modules"][-2:] == places
+    assert str(site) in _python_path().split(":")

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.base import registry
 from lidarplace.base.errors import InputError
+from lidarplace.base.registry import PLUGINS
 from sweeps.benchmark import predictors, rigs
 from sweeps.benchmark.markdown import markdown_table
 from sweeps.benchmark.predictors import BUILT_IN, predict
@@ -134,7 +134,7 @@ def module(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "placing_own", raising=False)
-    with patch.dict(registry.PLUGINS, clear=True):
+    with patch.dict(PLUGINS, clear=True):
         yield
     sys.modules.pop("placing_own", None)
 

@@ -19,8 +19,7 @@ from lidarplace import Lidar, Mount
 from lidarplace.configuration.placement import read_placement
 from lidarplace.requirements.judge import judge
 from sweeps.commands.cheapest import app
-from sweeps.search.cheapest import choose
-from sweeps.search.cheapest.choose import cheapest, cost_of
+from sweeps.search.cheapest.choose import _Work, cheapest, cost_of
 from sweeps.search.cheapest.polish import needed_for, polish
 from sweeps.search.cheapest.result import proof
 from sweeps.search.greedy.candidates import candidates_of
@@ -138,8 +137,8 @@ BY_POWER = ["search.cheapest.by=power"]
 @pytest.mark.parametrize(("seed", "by"), [*enumerate(BY * 2), (51, "price"), (51, "height")])
 def test_it_is_the_cheapest_of_all_rigs(tmp_path, monkeypatch, seed, by, by_cuts):
     if by_cuts:  # neither a rig to begin with nor one with more to spare: rows and cuts alone
-        monkeypatch.setattr(choose._Work, "greedy", lambda self, by_cost: False)
-        monkeypatch.setattr(choose._Work, "try_others", lambda self, cost: None)
+        monkeypatch.setattr(_Work, "greedy", lambda self, by_cost: False)
+        monkeypatch.setattr(_Work, "try_others", lambda self, cost: None)
     problem = read_problem(write_search(tmp_path, search=drawn(seed, by)))
     found = cheapest(problem)
     assert found.gap == 0 or found.rig is None
@@ -291,8 +290,8 @@ def test_the_generalist_of_the_package_is_asked_on_the_traffic_of_the_choice(mon
 
 def test_time_that_is_over_leaves_a_gap(tmp_path, monkeypatch):
     problem = read_problem(write_search(tmp_path, search=SMALL | {"cheapest": {"by": "price"}}))
-    monkeypatch.setattr(choose._Work, "left", property(lambda self: 1.0 - self.rounds))
-    monkeypatch.setattr(choose._Work, "drop", lambda self, chosen: None)
+    monkeypatch.setattr(_Work, "left", property(lambda self: 1.0 - self.rounds))
+    monkeypatch.setattr(_Work, "drop", lambda self, chosen: None)
     found = cheapest(problem)
     assert found.counts["rounds"] == 1
     assert assess(found.rig, problem.question, NOTHING).feasible

@@ -2,12 +2,12 @@ import shutil
 
 import pytest
 
-from sweeps.execution import worker
 from sweeps.execution.backends import InProcess, Room
 from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.memory import Need, need_of
 from sweeps.execution.schedule import Schedule
+from sweeps.execution.worker import FUNCTIONS, _load
 from sweeps.store.local import Store
 from sweeps.store.result_folder import DamagedResult
 from sweeps.stages.train import FinetuneStage
@@ -42,9 +42,9 @@ def stages(monkeypatch):
     def fail(params, *inputs):
         raise ValueError("no such thing")
 
-    monkeypatch.setitem(worker.FUNCTIONS, "scene", add)
-    monkeypatch.setitem(worker.FUNCTIONS, "collect", add)
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", fail)
+    monkeypatch.setitem(FUNCTIONS, "scene", add)
+    monkeypatch.setitem(FUNCTIONS, "collect", add)
+    monkeypatch.setitem(FUNCTIONS, "finetune", fail)
     return calls
 
 
@@ -100,7 +100,7 @@ def test_a_task_that_was_stopped_finds_what_it_had(tmp_path, monkeypatch):
             raise ValueError("stopped")
         return Toy([params.n, (folder / "last.pt").read_text()])
 
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", twice)
+    monkeypatch.setitem(FUNCTIONS, "finetune", twice)
     task, other = (Task("finetune", "a", Toy(n), resumable=True) for n in (1, 2))
     failures, _, store = run([task, other], tmp_path)
     assert len(failures) == 2, "each has its own folder"
@@ -143,7 +143,7 @@ def test_a_damaged_input_ends_all_and_the_next_time_it_is_computed_again(tmp_pat
     tasks = diamond()
     _, _, store = run(tasks[:2], tmp_path)
     flip_bit(store.path(tasks[1]) / "result.json", 0.5)
-    worker._load.cache_clear()
+    _load.cache_clear()
     recorder = Recorder()
     with pytest.raises(DamagedResult, match=f"{tasks[1].key} is damaged"):
         execute(tasks, store, InProcess(), recorder)
@@ -164,7 +164,7 @@ def test_an_input_that_another_worker_found_damaged_is_no_failure(tmp_path, stag
         shutil.rmtree(store.path(tasks[0]))
         raise FileNotFoundError("no such result")
 
-    monkeypatch.setitem(worker.FUNCTIONS, "collect", gone)
+    monkeypatch.setitem(FUNCTIONS, "collect", gone)
     with pytest.raises(DamagedResult, match="no such result"):
         execute(tasks, store, InProcess(), Recorder())
 
@@ -183,7 +183,7 @@ def test_only_data_and_settings_fail_for_good(tmp_path, monkeypatch, error, last
     def fail(params):
         raise error
 
-    monkeypatch.setitem(worker.FUNCTIONS, "scene", fail)
+    monkeypatch.setitem(FUNCTIONS, "scene", fail)
     task = Task("scene", "a", Toy())
     failures, _, _ = run([task], tmp_path / "store")
     folder = FailureFolder(tmp_path / "failed")
@@ -222,7 +222,7 @@ def test_another_driver_may_finish_a_task_first(tmp_path, monkeypatch):
         Store(tmp_path).save(task, Toy(1), 0.0)
         raise FileNotFoundError("last.pt")
 
-    monkeypatch.setitem(worker.FUNCTIONS, "scene", overtaken)
+    monkeypatch.setitem(FUNCTIONS, "scene", overtaken)
     failures, _, store = run([task], tmp_path)
     assert not failures
     assert store.load(task) == Toy(1)
@@ -235,7 +235,7 @@ def test_what_another_driver_did_since_the_start_is_not_done_again(tmp_path, mon
         Store(tmp_path).save(second, Toy("theirs"), 0.0)
         return Toy("ours")
 
-    monkeypatch.setitem(worker.FUNCTIONS, "scene", with_the_other)
+    monkeypatch.setitem(FUNCTIONS, "scene", with_the_other)
     failures, recorder, store = run([first, second], tmp_path)
     assert not failures
     assert store.load(second) == Toy("theirs")
@@ -274,7 +274,7 @@ def test_a_gpu_that_is_too_small_for_one_frame_is_not_tried_for_ever(tmp_path, m
         tried.append(how)
         raise OutOfMemoryError("CUDA out of memory")
 
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", fail)
+    monkeypatch.setitem(FUNCTIONS, "finetune", fail)
     failures, _, _ = run([training(1, batch_size="auto")], tmp_path)
     assert len(failures) == 1
     assert [how["halvings"] for how in tried] == [0, 1, 2, 3, 4]
@@ -292,7 +292,7 @@ def test_what_failed_in_a_rung_may_succeed_later(tmp_path, monkeypatch):
             raise OSError(28, "No space left on device")
         return Toy(1)
 
-    monkeypatch.setitem(worker.FUNCTIONS, "scene", flaky)
+    monkeypatch.setitem(FUNCTIONS, "scene", flaky)
     tasks = [Task("scene", name, Toy(name)) for name in ("bad", "unlucky")]
     store, outcome = Store(tmp_path), Outcome()
     for _ in range(2):
@@ -313,7 +313,7 @@ def test_a_training_that_is_too_large_for_a_gpu_is_tried_alone_with_half_the_bat
             raise OutOfMemoryError("CUDA out of memory")
         return Toy(size)
 
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", train)
+    monkeypatch.setitem(FUNCTIONS, "finetune", train)
     fits, fits_not = training(2), training(0)
     store, recorder = Store(tmp_path), Recorder()
     backend = Remembering()
@@ -332,7 +332,7 @@ def test_a_network_keeps_to_its_share_of_a_gpu(tmp_path, monkeypatch, share):
     taken = []
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
     monkeypatch.setattr("torch.cuda.set_per_process_memory_fraction", taken.append)
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: Toy(1))
+    monkeypatch.setitem(FUNCTIONS, "finetune", lambda params, *inputs, **how: Toy(1))
     monkeypatch.setattr(Remembering, "gpus_per_training", share)
     backend = Remembering()
     assert not execute([training(1)], Store(tmp_path), backend, Recorder()).failures
@@ -355,7 +355,7 @@ def test_trainings_are_handed_out_though_no_machine_is_there_now(tmp_path, stage
     class Empty(InProcess):
         room = Room(gpus=1.0, memory=0.0)
 
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: Toy(1))
+    monkeypatch.setitem(FUNCTIONS, "finetune", lambda params, *inputs, **how: Toy(1))
     tasks = [training(1), training(2)]
     failures, _, store = run(tasks, tmp_path, backend=Empty)
     assert not failures
@@ -399,7 +399,7 @@ def test_a_training_notes_its_progress_now_and_then(tmp_path, monkeypatch):
         return Toy(1)
 
     monkeypatch.setattr("time.monotonic", lambda: clock[0])
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", train)
+    monkeypatch.setitem(FUNCTIONS, "finetune", train)
     assert not execute([task], store, InProcess(), Loud()).failures
     assert noted[0] == "epoch 3 of 10, 20 %"
     assert noted[10] == noted[19] == "epoch 3 of 10, 23 %, about 5 min left"

@@ -16,13 +16,16 @@ from sweeps.plan.plan import read_plan
 from sweeps.results.failure_frames import failure_frames
 from sweeps.results.run_folder import _once
 from sweeps.store.open import store_of
-from sweeps.tasks import parameters
+from sweeps.stages.collect import CollectStage
+from sweeps.stages.recall import RecallStage
+from sweeps.stages.requirements import RequirementsStage
+from sweeps.stages.surrogates import SurrogatesStage
+from sweeps.tasks.XXX import keys_of
 from tests.sweeps.toy import call, ran
 from tracking.findings.failures import failures
 from tracking.findings.groups import groups
-from tracking.run_folders import sweep_tables
 from tracking.run_folders.sweep import RunFolder
-from tracking.run_folders.sweep_tables import TABLES
+from tracking.run_folders.sweep_tables import INDIVIDUALS, POINTS, REQUIREMENTS, SURROGATES, TABLES
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -54,19 +57,15 @@ def test_tables_have_the_columns_that_their_models_tell(folder):
 @pytest.mark.parametrize(
     ("table", "stages"),
     [
-        (sweep_tables.POINTS, [parameters.CollectParams]),
-        (sweep_tables.SURROGATES, [parameters.SurrogateParams, parameters.RecallParams]),
-        (sweep_tables.REQUIREMENTS, [parameters.RequirementsParams]),
+        (POINTS, [CollectStage]),
+        (SURROGATES, [SurrogatesStage, RecallStage]),
+        (REQUIREMENTS, [RequirementsStage]),
     ],
     ids=lambda value: getattr(value, "name", ""),
 )
 def test_rows_of_settings_that_differ_are_told_apart(table, stages):
     """Of all keys that decide what a row says, the axes are columns; or rows were there twice."""
-    keys = {
-        key.partition(".")[0]
-        for stage in stages
-        for key in parameters.keys_of(object.__new__(stage))
-    }
+    keys = {key.partition(".")[0] for stage in stages for key in keys_of(object.__new__(stage))}
     assert keys - {"placement", "classes"} <= set(table.axes)
 
 
@@ -75,7 +74,7 @@ def test_rows_that_trials_share_in_part_are_there_once():
     tested, trained = SimpleNamespace(key="test"), SimpleNamespace(key="train")
     rows = pd.DataFrame({"split": ["test", "train"], "object_id": [1, 2]})
     found = [(None, [tested], lambda: rows[:1]), (None, [tested, trained], lambda: rows)]
-    pd.testing.assert_frame_equal(_once(sweep_tables.INDIVIDUALS, (), found), rows)
+    pd.testing.assert_frame_equal(_once(INDIVIDUALS, (), found), rows)
 
 
 def test_individuals_of_both_splits_are_counted_once(folder):

@@ -9,9 +9,15 @@ import pytest
 from made_up_run import report_of, write_run
 from scipy import stats
 
-from tracking.findings import generalist
 from tracking.findings.ceiling import beside, ceilings
 from tracking.findings.correlation import correlate
+from tracking.findings.generalist import (
+    calibration,
+    compare,
+    judgements,
+    seconds_a_placement,
+    with_judgements,
+)
 from tracking.findings.groups import groups
 from tracking.findings.summary import seed_means
 from tracking.report.headline import headline_ranking
@@ -29,7 +35,7 @@ def run(tmp_path_factory) -> RunFolder:
 
 
 def test_candidates_are_the_generalist_s_means_of_the_same_detector(run):
-    table = generalist.judgements(run)
+    table = judgements(run)
     one = table[(table["class"] == "Car") & (table["surrogate"] == "generalist's 3D AP")]
     same = "`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7 and judge == 'generalist'"
     expected = run.results.query(same).groupby(["detector", "placement"])["value"].mean()
@@ -42,17 +48,17 @@ def test_candidates_are_the_generalist_s_means_of_the_same_detector(run):
 def test_no_candidates_without_others(run, made_up_run):
     alone = run.results["judge"] == "generalist"
     for part in (alone, ~alone):
-        assert generalist.judgements(RunFolder(**vars(run) | {"results": run.results[part]})).empty
+        assert judgements(RunFolder(**vars(run) | {"results": run.results[part]})).empty
     plain = RunFolder.read(made_up_run)
-    assert generalist.with_judgements(plain) is plain.surrogates
+    assert with_judgements(plain) is plain.surrogates
 
 
 def test_comparison_by_hand(run):
-    surrogates = generalist.with_judgements(run)
+    surrogates = with_judgements(run)
     means = seed_means(run.results, run.axes, run.left_out)
     found = ceilings(run.results, run.left_out, run.axes)
     table = beside(correlate(run.results, surrogates, run.axes), found, run.axes)
-    rows = generalist.compare(run, means, table)
+    rows = compare(run, means, table)
     # 2 detectors, 2 other judges; 3D AP and recall of two classes with objects, recall of all.
     assert len(rows) == 2 * 2 * 5
     of_car = "`class` == 'Car' and metric == 'AP_R40_3D' and detector == 'second'"
@@ -74,15 +80,15 @@ def test_slopes_and_biases_hold_the_truth():
     for _ in range(400):
         said = rng.normal(70, 5, 8)
         own = 20 + 0.7 * said + rng.normal(0, 2, 8)
-        found = generalist.calibration(said, own)
+        found = calibration(said, own)
         held.append(found["slope_low"] <= 0.7 <= found["slope_high"])
     assert np.mean(held) == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 400))
-    assert generalist.calibration(np.array([1.0, 1, 1]), np.array([1.0, 2, 3])) is None
-    assert generalist.calibration(np.array([1.0, 2]), np.array([1.0, 2])) is None
+    assert calibration(np.array([1.0, 1, 1]), np.array([1.0, 2, 3])) is None
+    assert calibration(np.array([1.0, 2]), np.array([1.0, 2])) is None
 
 
 def test_seconds(run):
-    table = generalist.seconds_a_placement(run.trials).set_index(["detector", "judge"])
+    table = seconds_a_placement(run.trials).set_index(["detector", "judge"])
     assert table["trials"].tolist() == [12] * 6
     quick = table["seconds"].xs("generalist", level="judge")
     assert (quick < 5).all()

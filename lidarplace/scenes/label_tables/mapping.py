@@ -10,8 +10,8 @@ from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import FileBeside, Length, Name, Settings, found, validated
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import CLASSES
+from lidarplace.logs.plausibility import LogCheck
 from lidarplace.scenes.label_tables.units import AngleUnit, LengthUnit, TimeUnit
-from lidarplace.scenes.sanity_checks.doubt import Check
 
 Value = Annotated[Name, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
 """Of a column: text, or a number that names something."""
@@ -135,7 +135,7 @@ class TableMapping(Settings):
     )
     frames: Frames = Frames()
     drives: Drives = Drives()
-    accept: tuple[Check, ...] = Field(
+    accept: tuple[LogCheck, ...] = Field(
         (), description="checks to skip, for values that are correct although they look implausible"
     )
 

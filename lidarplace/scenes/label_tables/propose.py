@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from lidarplace.base.errors import InputError
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import SIZE
-from lidarplace.logs.plausible import SIZES
+from lidarplace.logs.plausibility import SIZES
 from lidarplace.scenes.datasets.tabular import read_table
 from lidarplace.scenes.label_tables import units
 from lidarplace.scenes.label_tables.mapping import Columns

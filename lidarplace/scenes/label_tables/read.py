@@ -15,7 +15,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.files.columns import counts_if_known, numbers, sizes, texts
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import FRAME_COLUMNS, GEOMETRY, POINTS, POSE_COLUMNS, SIZE, first
-from lidarplace.logs.plausible import MOST_YAW
+from lidarplace.logs.plausibility import over_two_turns
 from lidarplace.scenes.datasets.class_maps import classified
 from lidarplace.scenes.datasets.se3 import Poses
 from lidarplace.scenes.datasets.tabular import read_table
@@ -69,7 +69,7 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
     for column, (name, unit) in enumerate(zip(names.values(), units, strict=True)):
         if name is not None:
             pose[:, column] = numbers(table, [name], source)[:, 0] * unit
-    turned = np.abs(pose[:, 3]) > MOST_YAW
+    turned = over_two_turns(pose[:, 3])
     if (row := first(turned)) is not None and "poses" not in mapping.accept:
         problem = f"{turned.mean():.1%} of the rows are over two turns of radians, the first is "
         problem += f"row {row} with {pose[row, 3]:g}"

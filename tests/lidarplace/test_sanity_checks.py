@@ -1,4 +1,4 @@
-"""What is doubted in a box log, and what is not: units of yaw by the motion of vehicles."""
+"""Implausible values of a box log: unit of yaw, heading of the vehicle, whole numbers."""
 
 import math
 from dataclasses import replace
@@ -11,11 +11,15 @@ from hypothesis import strategies as st
 
 from lidarplace.logs.boxes import POSE_COLUMNS
 from lidarplace.scenes.sanity_checks.boxes import (
-    doubts_of_degrees,
-    doubts_of_surroundings,
-    doubts_of_units,
+    implausible_degrees,
+    implausible_surroundings,
+    implausible_units,
 )
-from lidarplace.scenes.sanity_checks.motion import doubts_of_motion, doubts_of_poses, steps_across
+from lidarplace.scenes.sanity_checks.motion import (
+    implausible_motion,
+    implausible_poses,
+    steps_across,
+)
 
 
 def with_yaw(log, yaw):
@@ -39,73 +43,77 @@ def test_vehicles_that_move_along_their_yaw_have_no_sine(seed, poses):
 
 @pytest.mark.parametrize("poses", [True, False])
 @pytest.mark.parametrize("straight", [True, False])
-def test_the_unit_is_told_by_motion(poses, straight):
+def test_motion_shows_the_unit_of_yaw(poses, straight):
     """Degrees of a straight road are as small as radians; what moves along it tells them apart."""
     log = traffic(5, objects=9, straight=straight)
     log = log if poses else without_poses(log)
-    assert list(doubts_of_motion(log)) == []
+    assert list(implausible_motion(log)) == []
     yaw = log.boxes["yaw"]
     small = np.degrees(np.remainder(yaw + math.pi / 2, math.pi) - math.pi / 2)
     if straight:
         assert small.abs().max() < math.pi
-        assert list(doubts_of_units(with_yaw(log, small))) == []
-    (doubt,) = doubts_of_motion(with_yaw(log, small))
-    assert doubt.remedy == "units.angle: deg"
-    assert not doubt.boxes[log.boxes["class"] == "Pedestrian"].any()
+        assert list(implausible_units(with_yaw(log, small))) == []
+    (value,) = implausible_motion(with_yaw(log, small))
+    assert value.remedy == "units.angle: deg"
+    assert not value.rows[log.boxes["class"] == "Pedestrian"].any()
     if not straight:
-        (doubt,) = doubts_of_motion(with_yaw(log, np.radians(yaw)))
-        assert doubt.remedy == "units.angle: rad"
+        (value,) = implausible_motion(with_yaw(log, np.radians(yaw)))
+        assert value.remedy == "units.angle: rad"
 
 
 def test_radians_of_the_world_taken_for_degrees():
     log = traffic(5, objects=9)
     ego = log.frames.set_index("frame")["ego_yaw"].loc[log.boxes["frame"]].to_numpy()
     wrong = np.radians(log.boxes["yaw"] + ego) - ego
-    (doubt,) = doubts_of_motion(with_yaw(log, wrong))
-    assert doubt.remedy == "units.angle: rad"
-    # Few steps tell nothing.
+    (value,) = implausible_motion(with_yaw(log, wrong))
+    assert value.remedy == "units.angle: rad"
+    # Few steps show nothing.
     log = traffic(5, drives=1, frames=2)
-    assert list(doubts_of_motion(with_yaw(log, np.degrees(log.boxes["yaw"])))) == []
+    assert list(implausible_motion(with_yaw(log, np.degrees(log.boxes["yaw"])))) == []
 
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 10_000))
-def test_yaw_that_has_nothing_to_do_with_motion_accuses_no_unit(seed):
+def test_random_yaw_shows_no_unit(seed):
     log = traffic(3, objects=9)
     random = np.random.default_rng(seed).uniform(-math.pi, math.pi, len(log.boxes))
-    assert list(doubts_of_motion(with_yaw(log, random))) == []
+    assert list(implausible_motion(with_yaw(log, random))) == []
 
 
 @settings(max_examples=20)
 @given(seed=st.integers(0, 10_000), turn=st.floats(-3.1, 3.1))
 def test_a_vehicle_drives_where_it_heads(seed, turn):
     log = traffic(seed)
-    assert list(doubts_of_poses(log)) == []
-    assert list(doubts_of_poses(without_poses(log))) == []
+    assert list(implausible_poses(log)) == []
+    assert list(implausible_poses(without_poses(log))) == []
     turned = log.frames.assign(ego_yaw=log.frames["ego_yaw"] + turn)
     shuffled = replace(log, frames=turned.sample(frac=1, random_state=seed, ignore_index=True))
-    doubts = list(doubts_of_poses(shuffled))
+    values = list(implausible_poses(shuffled))
     if abs(turn) < 0.27:
-        assert doubts == []
+        assert values == []
     elif abs(turn) > 0.34:
-        (doubt,) = doubts
-        assert doubt.boxes.sum() == 21
-        assert "21 of 24 frames (87.5%)" in doubt.where(shuffled.frames)
+        (value,) = values
+        assert value.rows.sum() == 21
+        assert "21 of 24 frames (87.5%)" in value.where(shuffled.frames)
 
 
 def test_whole_numbers_are_degrees():
     log = traffic()
     yaw = np.zeros(len(log.boxes))
     yaw[:3] = 2, -1, 3
-    (doubt,) = doubts_of_units(with_yaw(log, yaw))
-    where = doubt.where(with_yaw(log, yaw).boxes)
+    (value,) = implausible_units(with_yaw(log, yaw))
+    where = value.where(with_yaw(log, yaw).boxes)
     assert where == "3 of 144 boxes (2.1%), the first in frame 0 with 2"
     yaw[2] = 3.1
-    assert list(doubts_of_units(with_yaw(log, yaw))) == []
+    assert list(implausible_units(with_yaw(log, yaw))) == []
 
 
-def test_a_sound_log_and_an_empty_one_are_not_doubted():
+def test_a_correct_log_and_an_empty_one_are_plausible():
     for log in (traffic(), replace(traffic(), boxes=traffic().boxes[:0])):
-        for doubts in (doubts_of_units(log), doubts_of_degrees(log), doubts_of_surroundings(log)):
+        for doubts in (
+            implausible_units(log),
+            implausible_degrees(log),
+            implausible_surroundings(log),
+        ):
             assert list(doubts) == []
-        assert list(doubts_of_motion(log)) == []
+        assert list(implausible_motion(log)) == []
