@@ -19,8 +19,7 @@ from sweeps.results.failure_frames import frames_of
 from sweeps.results.object_tables import ABOUT, found_in
 from sweeps.results.run_folder import OF_EVALUATION
 from sweeps.results.trial_results import Cell, with_columns
-from sweeps.stages.evaluate import EvaluationResult
-from sweeps.stages.evaluate import evaluate_detections
+from sweeps.stages.evaluate import EvaluationResult, evaluate_detections
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.arrays import FailureFrames
@@ -38,7 +37,9 @@ def evaluate_rigs(asked: Asked) -> Worth:
     """Compare the detections of every rig with the objects that count."""
     test = asked.test
     return {
-        name: [evaluate_detections(test.objects, own, test.routes, test.classes, {}) for own in seeds]
+        name: [
+            evaluate_detections(test.objects, own, test.routes, test.classes, {}) for own in seeds
+        ]
         for name, seeds in asked.rigs.items()
     }
 

@@ -10,10 +10,11 @@ from sweeps.execution.backends import Backend, Job, WorkerDied
 from sweeps.execution.failures import Failure
 from sweeps.execution.schedule import Schedule
 from sweeps.execution.worker import Ended, try_task
-from sweeps.store.local import Store
-from sweeps.store.result_folder import DamagedResult
 from sweeps.stages.stage import Need
 from sweeps.stages.task import Task
+from sweeps.stages.train import FinetuneStage
+from sweeps.store.local import Store
+from sweeps.store.result_folder import DamagedResult
 from training.settings import LARGEST_BATCH
 
 
@@ -145,7 +146,7 @@ def _ended(job: Job[Ended]) -> Ended:
 
 def _can_be_halved(task: Task, halvings: int) -> bool:
     """Whether a training that was too large for a GPU had more than one frame in a step."""
-    if not task.resumable:
+    if not isinstance(task.stage, FinetuneStage):
         return False
     size = task.stage.training.batch_size
     return (LARGEST_BATCH if size == "auto" else size) >> halvings > 1

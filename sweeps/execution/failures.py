@@ -13,8 +13,8 @@ from lidarplace.base.foreign_code import plugin_place
 from lidarplace.configuration.record import read_record
 from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import hide_secrets
-from sweeps.store.result_folder import DamagedResult
 from sweeps.stages.task import Task
+from sweeps.store.result_folder import DamagedResult
 
 
 @dataclass(frozen=True)

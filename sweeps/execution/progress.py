@@ -17,8 +17,8 @@ from rich.text import Text
 
 from lidarplace.command_line.terminal import visible
 from sweeps.execution.failures import Failure, FailureFolder
-from sweeps.store.local import Note, Store
 from sweeps.stages.task import Task
+from sweeps.store.local import Note, Store
 
 _MOST_NAMED = 2
 NOTED_S = 10.0
@@ -79,9 +79,9 @@ class Running:
         return ", ".join([*named, *([f"{more} more"] if more > 0 else [])])
 
     def _progress_of(self, task: Task) -> str:
-        if task.resumable and self._clock() - self._looked > NOTED_S:
+        if task.stage.resumable and self._clock() - self._looked > NOTED_S:
             self._looked = self._clock()
-            trainings = [own for own, _ in list(self._since.values()) if own.resumable]
+            trainings = [own for own, _ in list(self._since.values()) if own.stage.resumable]
             with suppress(Exception):  # a remote store that does not answer is asked again later
                 self._progress = {
                     key: f" ({note.progress})"

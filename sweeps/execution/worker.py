@@ -15,11 +15,11 @@ from cachetools import LRUCache, cached
 
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import NOTED_S, about
+from sweeps.stages.stage import Stage
+from sweeps.stages.task import Task
+from sweeps.stages.train import FinetuneStage, Network, TrainedDetector
 from sweeps.store.local import Note, Store
 from sweeps.store.result_folder import R, Ran
-from sweeps.stages.train import Network
-from sweeps.stages.train import TrainedDetector
-from sweeps.stages.task import Task
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,9 @@ def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0
         inputs = [_load(store, needed) for needed in task.inputs]
         start = time.perf_counter()
         call = partial(task.stage.run, *inputs)
-        if task.stage.resumable:
-            how = {"on_step": _Progress(task, note).on_step, "halvings": halvings}
+        if isinstance(task.stage, FinetuneStage):
+            on_step = _Progress(task.stage.training.epochs, note).on_step
+            how = {"on_step": on_step, "halvings": halvings}
             with store.working_folder(task) as folder:
                 value = call(folder=folder, **how)
         else:
@@ -76,7 +77,7 @@ def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0
 
 
 @cached(LRUCache(maxsize=4), key=lambda store, task: (store, task.key))
-def _load(store: Store, task: Task[R]) -> R:
+def _load(store: Store, task: Task[Stage[R]]) -> R:
     """An input. Tasks that follow one another on a worker often share one, such as a POG."""
     return store.load(task)
 
@@ -84,14 +85,14 @@ def _load(store: Store, task: Task[R]) -> R:
 class _Progress:
     """Notes now and then how much of a training is done, and when it may end."""
 
-    def __init__(self, task: Task, note: Callable[[str], None]) -> None:
-        self._task = task
+    def __init__(self, epochs: int, note: Callable[[str], None]) -> None:
+        self._epochs = epochs
         self._note = note
         self._first: tuple[float, float] | None = None
         self._noted = -math.inf
 
     def on_step(self, done: float) -> None:
-        now, epochs = time.monotonic(), self._task.stage.training.epochs
+        now, epochs = time.monotonic(), self._epochs
         since, before = self._first = self._first or (now, done)
         if now - self._noted < NOTED_S:
             return

@@ -18,8 +18,8 @@ from sweeps.results.trial_results import (
     trial_results,
     trial_seconds,
 )
-from sweeps.store.local import Store
 from sweeps.stages.task import Task
+from sweeps.store.local import Store
 from tracking.mlflow.content import EndedTrial, TrialRun, requirement_metrics, trial_metrics
 
 

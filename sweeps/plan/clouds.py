@@ -26,9 +26,10 @@ from sweeps.stages.ground_truth import GroundTruthStage
 from sweeps.stages.scene import SceneStage
 from sweeps.stages.task import Task
 
+
 @dataclass(frozen=True)
 class TrialClouds:
-    """Plans clouds and ground truth of a point. `parts`, `scenes`: of its scene, and their tasks."""
+    """Plans the clouds and the ground truth of a point, whose scene has `parts`."""
 
     planning: Planning
     grid_point: GridPoint

@@ -37,12 +37,12 @@ def _pretrain(clouds: TrialClouds, training: FinetuneStage) -> Task[PretrainStag
     settings = point.generalist
     rigs = training_rigs(planning, point)
     every = -(-len(rigs) // min(settings.rigs_per_frame, len(rigs)))
-    inputs = [
+    rig_clouds = [
         task
         for number, rig in enumerate(rigs)
         for task in clouds.collect("train", rig, rig.name, first=number % every, every=every)
     ]
-    inputs += clouds.truths()["train"]
+    inputs = (*rig_clouds, *clouds.truths()["train"])
     epochs = training.training.model_copy(update={"epochs": settings.epochs})
     stage = PretrainStage(**vars(training) | {"training": epochs}, scenes=(len(inputs),))
     label = f"generalist of {len(rigs)} rigs · {point.detector} · seed {point.seed}"

@@ -89,9 +89,7 @@ def _plan_trial(planning: Planning, grid_point: GridPoint) -> Trial:
     scenes = tuple(
         planning.add_for(grid_point, SceneStage(part.recording), (), part.name) for part in parts
     )
-    logs = [
-        scene for part, scene in zip(parts, scenes, strict=True) if "train" in part.splits
-    ]
+    logs = [scene for part, scene in zip(parts, scenes, strict=True) if "train" in part.splits]
     requirements = plan_requirements(planning, grid_point)
     pog = planning.add_for(grid_point, PogStage(grid_point.roi, point.classes), logs)
     trial = Trial(
@@ -133,7 +131,10 @@ def unused_sensor_warnings(name: str, sensors: Sequence[object]) -> list[str]:
 
 
 def _typical_objects(
-    planning: Planning, scene: Scene, classes: tuple[str, ...], settings: tuple[tuple[str, ClassSettings], ...]
+    planning: Planning,
+    scene: Scene,
+    classes: tuple[str, ...],
+    settings: tuple[tuple[str, ClassSettings], ...],
 ) -> tuple[TypicalObject, ...]:
     """Return the objects of classes without anchors, and caution about the classes of a log."""
     if not isinstance(scene, LogScene):

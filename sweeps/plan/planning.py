@@ -6,9 +6,11 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 from sweeps.configuration.grid import GridPoint, Sweep
 from sweeps.plan.labels import task_label
-from sweeps.stages.task import S, Task
+from sweeps.stages.stage import Stage
+from sweeps.stages.task import Task
 
 P = ParamSpec("P")
+S = TypeVar("S", bound=Stage)
 T = TypeVar("T")
 
 

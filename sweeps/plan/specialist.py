@@ -19,10 +19,7 @@ def plan_specialist(
 
 
 def finetuned_from(
-    trial: Trial,
-    clouds: TrialClouds,
-    training: FinetuneStage,
-    base: Sequence[Task[PretrainStage]],
+    trial: Trial, clouds: TrialClouds, training: FinetuneStage, base: Sequence[Task[PretrainStage]]
 ) -> DetectorTrial:
     """Train on the clouds of the placement, starting from a generalist if there is one."""
     truths = clouds.truths()
@@ -31,9 +28,7 @@ def finetuned_from(
     return evaluated_by(trial, clouds, finetune)
 
 
-def evaluated_by(
-    trial: Trial, clouds: TrialClouds, weights: Task[FinetuneStage]
-) -> DetectorTrial:
+def evaluated_by(trial: Trial, clouds: TrialClouds, weights: Task[FinetuneStage]) -> DetectorTrial:
     """Evaluate the placement by a detector that a task trains."""
     point, training = trial.grid_point.point, weights.stage
     truths, test = clouds.truths(), clouds.collect("test")
@@ -68,9 +63,16 @@ def training_stage(
     checkpoint = None
     if settings.checkpoint is not None:
         sized = (name for name, own in point.class_settings.items() if own.size is not None)
-        network = (detector, point.classes, crop, typical, frozenset(sized))
-        file = (settings.checkpoint, settings.new_heads)
-        checkpoint, typical = once(named_files.checkpoint_of, *file, *network)
+        checkpoint, typical = once(
+            named_files.checkpoint_of,
+            settings.checkpoint,
+            settings.new_heads,
+            detector,
+            point.classes,
+            crop,
+            typical,
+            frozenset(sized),
+        )
     once(named_files.check_network, detector, point.classes, crop, typical)
     return FinetuneStage(
         detector,

@@ -95,9 +95,7 @@ def _lay_out(
     return laid_out(requirements, vehicle_of(vehicle), known_curves)
 
 
-def plan_requirements(
-    planning: Planning, grid_point: GridPoint
-) -> Task[RequirementsStage] | None:
+def plan_requirements(planning: Planning, grid_point: GridPoint) -> Task[RequirementsStage] | None:
     """Add the check of requirements; None without any."""
     layout, common = layout_of(planning, grid_point), planning.sweep.common
     if not layout:
@@ -157,7 +155,7 @@ def plan_sampling_error(
 
 
 STUDIES: tuple[Study, ...] = (plan_accuracy, plan_sampling_error)
-"""The studies of a sweep. A stage that a trial reports, and that needs logs alone, is a line here."""
+"""The studies of a sweep: a further stage that a trial reports is a line."""
 
 
 def _is_studied(planning: Planning, grid_point: GridPoint) -> bool:

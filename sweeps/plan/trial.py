@@ -10,19 +10,19 @@ from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
 from lidarplace.requirements.layout import Laid
 from sweeps.configuration.grid import GridPoint
 from sweeps.stages.collect import CollectStage, RecordedCloudsStage
-from sweeps.stages.evaluate import EvaluateStage, MeasureStage
+from sweeps.stages.evaluate import EvaluationResult
 from sweeps.stages.ground_truth import GroundTruthStage
 from sweeps.stages.pog import PogStage
 from sweeps.stages.recall import RecallStage
 from sweeps.stages.requirements import RequirementsStage
 from sweeps.stages.scene import SceneStage
-from sweeps.stages.surrogates import SurrogatesStage
-from sweeps.stages.task import Task
+from sweeps.stages.stage import Stage
+from sweeps.stages.surrogates import Scores, SurrogatesStage
+from sweeps.stages.task import Task, tasks_of
 from sweeps.stages.train import FinetuneStage, Network
 from training.typical_objects import TypicalObject
 
-ScoreTask = Task[SurrogatesStage] | Task[RecallStage]
-CloudTask = Task[CollectStage] | Task[RecordedCloudsStage]
+CloudTask = Task[CollectStage | RecordedCloudsStage]
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,11 @@ class Trial:
         return self.pog
 
     @property
-    def scores(self) -> tuple[ScoreTask, ...]:
+    def scores(self) -> tuple[Task[Stage[Scores]], ...]:
         """The tasks whose results have tables of surrogates."""
         return (self.surrogates,) if self.recall is None else (self.surrogates, self.recall)
 
-    def score_by(self, surrogate: str) -> ScoreTask:
+    def score_by(self, surrogate: str) -> Task[Stage[Scores]]:
         """Return the one of `scores` that computes a surrogate."""
         return self.scores[-1] if surrogate in OBJECT_SURROGATES else self.surrogates
 
@@ -86,12 +86,12 @@ class DetectorTrial(Trial):
     ground_truths: tuple[Task[GroundTruthStage], ...]
     collect_test: tuple[CloudTask, ...]
     finetune: Task[FinetuneStage] | None
-    evaluate: Task[EvaluateStage] | Task[MeasureStage]
+    evaluate: Task[Stage[EvaluationResult]]
 
     @property
     def test_truths(self) -> list[Task[GroundTruthStage]]:
         """Ground truth of the test frames; a training log may have frames of the same numbers."""
-        return [task for task in self.evaluate.inputs if isinstance(task.stage, GroundTruthStage)]
+        return tasks_of(GroundTruthStage, self.evaluate.inputs)
 
     @property
     def learns(self) -> Task:

@@ -21,7 +21,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.execute import Outcome
-from sweeps.plan.plan import further_axes
+from sweeps.plan.labels import further_axes
 from sweeps.plan.trial import DetectorTrial, Plan, Trial, with_detector
 from sweeps.results.failure_frames import failure_frames
 from sweeps.results.object_tables import object_tables
@@ -38,8 +38,8 @@ from sweeps.results.trial_results import (
     trial_seconds,
     with_columns,
 )
-from sweeps.store.local import Store
 from sweeps.stages.task import Task
+from sweeps.store.local import Store
 from tracking.mlflow.uri import absolute_uri
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract

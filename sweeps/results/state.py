@@ -12,9 +12,9 @@ from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.plan.trial import Plan, Trial
 from sweeps.results.promotion import at_most, promote
 from sweeps.results.trial_results import trial_failure
+from sweeps.stages.task import Task
 from sweeps.store.local import Note, Store
 from sweeps.store.lock import is_locked
-from sweeps.stages.task import Task
 
 Status = Literal["done", "running", "stopped", "waiting", "failed", "pruned"]
 

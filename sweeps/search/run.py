@@ -32,9 +32,9 @@ from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.by_generalist import GeneralistAnswers
 from sweeps.search.trials.study import Timing, emptied_journal, open_study, quiet, storage_in
 from sweeps.search.trials.traffic import NoTraffic, Pool, SurrogateAnswers, training_traffic
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
 from sweeps.store.open import reference
-from sweeps.stages.task import Task
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.page import source_tags

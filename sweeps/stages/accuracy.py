@@ -1,7 +1,7 @@
 """The stage that compares ways of computing surrogates: error against run time."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import pandas as pd
 
@@ -38,7 +38,7 @@ class AccuracyStage(VoxelStage[Accuracy]):
 
     name = "accuracy"
     order = 120
-    tables = {"table": "accuracy"}
+    tables: ClassVar = {"table": "accuracy"}
 
     def modules(self) -> tuple[str, ...]:
         return (*super().modules(), *SURROGATES.modules(self.names))

@@ -89,9 +89,7 @@ class CommandStage(Stage[DetectedFrames]):
         frames = pd.concat([log.frames for log in of_type(BoxLog, inputs)])
         return self.detect(frames, objects[objects["class"].isin(self.classes)], clouds)
 
-    def detect(
-        self, frames: pd.DataFrame, objects: pd.DataFrame, clouds: Clouds
-    ) -> DetectedFrames:
+    def detect(self, frames: pd.DataFrame, objects: pd.DataFrame, clouds: Clouds) -> DetectedFrames:
         """Run the command on `frames` of a box log; objects in test frames only check it."""
         frames, cautions = frames[frames["frame"].isin(clouds.frames)], list[str]()
         test_frames = frames[frames["split"] == "test"]

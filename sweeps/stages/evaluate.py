@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -69,7 +69,7 @@ class EvaluateStage(Network[EvaluationResult]):
     name = "evaluate"
     order = 20
     ends_trial = True
-    tables = EVALUATION_TABLES
+    tables: ClassVar = EVALUATION_TABLES
 
     def modules(self) -> tuple[str, ...]:
         return (*super().modules(), *METRICS.modules(self.metrics))
@@ -113,7 +113,7 @@ class MeasureStage(Stage[EvaluationResult]):
     name = "measure"
     order = 20
     ends_trial = True
-    tables = EVALUATION_TABLES
+    tables: ClassVar = EVALUATION_TABLES
 
     def modules(self) -> tuple[str, ...]:
         return (*super().modules(), *METRICS.modules(self.metrics))

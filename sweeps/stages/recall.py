@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import pandas as pd
 
@@ -42,7 +42,7 @@ class RecallStage(Stage[Scores]):
 
     name = "recall"
     order = 100
-    tables = {"table": "surrogates"}
+    tables: ClassVar = {"table": "surrogates"}
 
     def modules(self) -> tuple[str, ...]:
         return (*super().modules(), *SURROGATES.modules(self.names))

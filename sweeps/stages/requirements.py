@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -44,7 +44,7 @@ class RequirementsStage(Stage[RequirementResults]):
 
     name = "requirements"
     order = 110
-    tables = {"table": "requirements"}
+    tables: ClassVar = {"table": "requirements"}
 
     def run(self) -> RequirementResults:
         from lidarplace.requirements.judge import judge

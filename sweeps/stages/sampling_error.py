@@ -1,7 +1,7 @@
 """The stage that computes how surrogates depend on the choice of the frames."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import pandas as pd
 
@@ -30,7 +30,7 @@ class SamplingErrorStage(VoxelStage[SamplingError]):
 
     name = "sampling_error"
     order = 130
-    tables = {"estimates": "sampling_error", "resamples": "pog_resamples"}
+    tables: ClassVar = {"estimates": "sampling_error", "resamples": "pog_resamples"}
 
     def modules(self) -> tuple[str, ...]:
         return (*super().modules(), *SURROGATES.modules(self.names))

@@ -41,8 +41,8 @@ class Stage(ABC, Generic[R]):
         order: among tasks that can run, those of the lowest order start first: late stages, so that
             a sweep that is stopped has whole results of its first trials.
         ends_trial: whether the schedule turns to the next trial after it.
-        resumable: whether `run` takes the arguments `sweeps.stages.train.TrainingRun`, so that it
-            continues after a stop.
+        resumable: whether it is a training, whose `run` takes `sweeps.stages.train.TrainingRun`, too,
+            and continues after a stop.
         tables: fields of the result that are tables of the run folder, field -> name of the table.
     """
 
@@ -53,7 +53,7 @@ class Stage(ABC, Generic[R]):
     tables: ClassVar[Mapping[str, str]] = {}
 
     @abstractmethod
-    def run(self, *inputs: Any) -> R:
+    def run(self, *inputs: Any, **how: Any) -> R:
         """Compute the result: a dataclass, whose fields a store keeps as files.
 
         Fields are tables, arrays, arrays by name, weights and plain data; one with a default may be

@@ -1,7 +1,7 @@
 """The stage that computes the surrogates of a POG."""
 
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import pandas as pd
 
@@ -39,7 +39,7 @@ class SurrogatesStage(VoxelStage[Scores]):
 
     name = "surrogates"
     order = 90
-    tables = {"table": "surrogates"}
+    tables: ClassVar = {"table": "surrogates"}
 
     def modules(self) -> tuple[str, ...]:
         return (*super().modules(), *SURROGATES.modules(self.names))

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Generic
+from typing import Any, Generic, cast
 
 import numpy as np
 from pydantic import BaseModel
@@ -20,6 +20,7 @@ from sweeps.stages.stage import Stage
 
 S = TypeVar("S", bound=Stage, covariant=True, default=Stage)
 """Stage of a task."""
+T = TypeVar("T", bound=Stage)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,11 @@ class Task(Generic[S]):
         }
         text = json.dumps(content, sort_keys=True, allow_nan=False, default=plain)
         return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+def tasks_of(kind: type[T], tasks: Iterable[Task]) -> list[Task[T]]:
+    """Select the tasks of a stage."""
+    return [cast(Task[T], task) for task in tasks if isinstance(task.stage, kind)]
 
 
 def with_inputs(tasks: Iterable[Task]) -> list[Task]:

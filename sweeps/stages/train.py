@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict, Unpack
+from typing import TYPE_CHECKING, ClassVar, TypedDict, Unpack
 
 import pandas as pd
 
@@ -86,7 +86,7 @@ class FinetuneStage(Network[TrainedDetector]):
     name = "finetune"
     order = 30
     resumable = True
-    tables = {"curve": "curves"}
+    tables: ClassVar = {"curve": "curves"}
 
     def run(
         self,

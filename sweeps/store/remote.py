@@ -11,13 +11,14 @@ from fsspec.core import url_to_fs
 
 from lidarplace.base.errors import InputError
 from lidarplace.files.secret_urls import public_url
+from sweeps.stages.stage import Stage
+from sweeps.stages.task import Task
 from sweeps.store import result_folder as results
 from sweeps.store.checkpoint_mirror import fetch, mirrored
 from sweeps.store.entries import SWEEPS, Entry, entry_of
 from sweeps.store.local import Note, Store
 from sweeps.store.result_folder import RECORD, DamagedResult, R, Ran, Record, T
 from sweeps.store.whole import put_whole
-from sweeps.stages.task import Task
 
 
 @dataclass(frozen=True)
@@ -40,9 +41,11 @@ class RemoteStore(Store):
         filesystem, root = self._remote()
         return bool(filesystem.exists(f"{root}/{task.stage.name}/{task.key}/{RECORD}"))
 
-    def save(self, task: Task[R], value: R, seconds: float, ran: Ran = Ran()) -> None:
+    def save(self, task: Task[Stage[R]], value: R, seconds: float, ran: Ran = Ran()) -> None:
         with suppress(FileNotFoundError, DamagedResult):
-            super().read(task, results.whole(task.result))  # a copy stays only if it is whole
+            super().read(
+                task, results.whole(task.stage.result())
+            )  # a copy stays only if it is whole
         super().save(task, value, seconds, ran)
         if self.has(task):
             return
@@ -56,7 +59,7 @@ class RemoteStore(Store):
             )
         put_whole(filesystem, folder / RECORD, f"{target}/{RECORD}")
 
-    def read(self, task: Task[R], of: Callable[[R], T]) -> T:
+    def read(self, task: Task[Stage[R]], of: Callable[[R], T]) -> T:
         """Copies all files of the result here first. A damaged copy is replaced once. If that is
         damaged too, so is what it was copied from."""
         copied = super().has(task)
@@ -94,7 +97,7 @@ class RemoteStore(Store):
 
     def discard(self, task: Task) -> None:
         super().discard(task)
-        if task.resumable:
+        if task.stage.resumable:
             self._remove(f"{task.stage.name}/{self.attempts(task).name}")
         self._remove_file(self._note_place(task))
 

@@ -65,7 +65,9 @@ def test_the_estimate_is_what_machines_take_that_go_on_like_that(counts, lengths
         while waiting and len(ends) < machines:
             task = waiting.pop(0)
             running.started(task)
-            heapq.heappush(ends, (clock.now + length[task.stage.name], len(tasks) - len(waiting), task))
+            heapq.heappush(
+                ends, (clock.now + length[task.stage.name], len(tasks) - len(waiting), task)
+            )
         clock.now, _, task = heapq.heappop(ends)
         left.ended(task.stage.name, running.ended(task))
         told.append((clock.now, left.seconds(running, clock.now)))

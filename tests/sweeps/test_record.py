@@ -72,9 +72,7 @@ def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
     pd.testing.assert_frame_equal(value.buildings, log.buildings)
     lidar = Lidar(tuple(np.radians([-9.0, -5.0, -2.0])), azimuth_steps=720)
     placement = PAPER_PLACEMENTS["line"].with_lidar(lidar)
-    ours = stages.collect(
-        CollectStage(placement, False, 1, "train", CROP, MountingErrors()), value
-    )
+    ours = stages.collect(CollectStage(placement, False, 1, "train", CROP, MountingErrors()), value)
     wide = (-1.0, -30.0, -1.0, 50.0, 30.0, 9.0)
     store = folder / "clouds" / "line"
     write_clouds(store / "route-0", collect(log, log.frames["frame"], placement, wide, seed=1))
