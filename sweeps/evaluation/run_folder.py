@@ -17,9 +17,8 @@ from sweeps.configuration.file import public_yaml
 from sweeps.evaluation.asked import Asked
 from sweeps.results.failure_frames import frames_of
 from sweeps.results.object_tables import ABOUT, found_in
-from sweeps.results.run_folder import OF_EVALUATION
 from sweeps.results.trial_results import Cell, with_columns
-from sweeps.stages.evaluate import EvaluationResult, evaluate_detections
+from sweeps.stages.evaluate import EVALUATION_TABLES, EvaluationResult, evaluate_detections
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.arrays import FailureFrames
@@ -79,8 +78,9 @@ def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> No
     keys = ["split", "scene", "route", "class", "object_id"]
     individuals = objects.merge(test.routes[["frame", "split"]], on="frame").value_counts(keys)
     write_text(folder / "config.yaml", public_yaml({"command": called(), "notes": [*asked.notes]}))
-    for table, field in OF_EVALUATION.items():
-        table.write(_stack(found, field), folder)
+    tables = {table.name: table for table in contract.TABLES}
+    for field, name in EVALUATION_TABLES.items():
+        tables[name].write(_stack(found, field), folder)
     contract.FOUND.write(pd.concat([_found(objects, own, place) for place, own in trials]), folder)
     contract.SURROGATES.write(pd.DataFrame(), folder)
     contract.OBJECTS.write(objects, folder)

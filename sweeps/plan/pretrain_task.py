@@ -20,7 +20,8 @@ _MIXED = ("placement", "lidar", "vehicle", "mounting_errors", "seed", "surrogate
 def training_of(sweep: Sweep, plan: Plan) -> Task[FinetuneStage]:
     """Return a training on the clouds of all placements, with the seed of the first point.
 
-    Raises InputError: no detector, or several, or several trainings, scenes, ROIs, lists of classes.
+    Raises InputError: no detector, or several detectors, trainings, scenes, ROIs or lists of
+    classes.
     """
     for axis in sweep.axes:
         # A value may be a list or a mapping.

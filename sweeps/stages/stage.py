@@ -41,8 +41,8 @@ class Stage(ABC, Generic[R]):
         order: among tasks that can run, those of the lowest order start first: late stages, so that
             a sweep that is stopped has whole results of its first trials.
         ends_trial: whether the schedule turns to the next trial after it.
-        resumable: whether it is a training, whose `run` takes `sweeps.stages.train.TrainingRun`, too,
-            and continues after a stop.
+        resumable: whether it is a training, which continues after a stop; its `run` also takes
+            `sweeps.stages.train.TrainingRun`.
         tables: fields of the result that are tables of the run folder, field -> name of the table.
     """
 

@@ -44,6 +44,7 @@ from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep
 from sweeps.search.problem.space import Placed, Space, placed_in
 from sweeps.search.problem.training_rigs import rigs_near, training_rigs
 from sweeps.stages.task import Task, plain
+from training import code_of_network, network_of
 
 _ANSWERING = {
     *("lidar", "weather", "surrogate", "placement", "placements"),
@@ -92,7 +93,9 @@ class Problem(SearchConfig):
         modules += SURROGATES.modules(by for by in asked if by in SURROGATES)
         modules += METRICS.modules(by for by in asked if by in METRICS)
         if self.judged:
-            modules += ["sweeps.stages.evaluate", *code_of_network(network_of(self.file.detector))]
+            assert self.file.detector is not None
+            network = network_of(self.file.detector)
+            modules += ["sweeps.stages.evaluate", *code_of_network(network)]
         return code_version(*modules)
 
     @property
