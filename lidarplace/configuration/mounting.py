@@ -4,7 +4,7 @@ are off."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -29,6 +29,7 @@ from lidarplace.configuration.settings import (
 from lidarplace.configuration.vehicle import VehicleSettings
 from lidarplace.mounting.common_view import CommonView
 from lidarplace.mounting.errors import MountingErrors
+from lidarplace.mounting.limits import Limits
 from lidarplace.mounting.polygon import NANOMETRE
 from lidarplace.mounting.vehicle import Vehicle, top_near
 from lidarplace.mounting.zone import Zone
@@ -199,6 +200,13 @@ class LimitSettings(Settings):
     facing: Count | None = Field(
         None, description="largest number of pairs of LiDARs that may face each other"
     )
+
+    def limits(
+        self, body: Vehicle, keep_out: NDArray[np.float64], zones: Sequence[Zone] = ()
+    ) -> Limits:
+        """Return the limits of mounting; arguments as in `Limits`."""
+        common = None if self.common_view is None else self.common_view.asked()
+        return Limits(zones, body, keep_out, self.distance, self.body_share, common, self.facing)
 
 
 class OffsetSettings(Settings):

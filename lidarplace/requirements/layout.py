@@ -18,7 +18,7 @@ MOST_VOXELS = 20_000_000  # of the volume of a coverage
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
+class RequirementLayout:
     """A requirement laid out around a vehicle, the same for every rig; `lay_out` makes it."""
 
     requirement: Requirement
@@ -35,13 +35,13 @@ class Laid:
         return self.bent.get(pose, self.boxes)
 
 
-def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
+def lay_out(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
     """Find the positions of a requirement. Raises ValueError: the area has no end, is empty, or
     lies within the vehicle."""
     placed = requirement.placed
     if requirement.common_view is not None:
         nowhere = Positions(np.empty(0), np.empty(0), np.empty((0, 0), np.bool_))
-        return Laid(requirement, nowhere, np.empty((0, 0, 7)), None)
+        return RequirementLayout(requirement, nowhere, np.empty((0, 0, 7)), None)
     if placed is None:
         return _columns(requirement, vehicle)
     positions = grid_over(requirement.area, vehicle, requirement.step)
@@ -60,7 +60,7 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
     boxes = boxes[:, free]
     poses = {label: pose for label, pose in poses_of(vehicle).items() if label}
     bent = {label: _outside(pose, boxes, placed, points[free]) for label, pose in poses.items()}
-    return Laid(requirement, replace(positions, held=held), boxes, None, bent)
+    return RequirementLayout(requirement, replace(positions, held=held), boxes, None, bent)
 
 
 def _outside(
@@ -73,7 +73,7 @@ def _outside(
     return found
 
 
-def _columns(requirement: Requirement, vehicle: Vehicle) -> Laid:
+def _columns(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
     """Columns of voxels that hold the area, at least one along each axis."""
     step = requirement.step
     sides = (*requirement.area.sides(vehicle), requirement.heights)
@@ -91,4 +91,4 @@ def _columns(requirement: Requirement, vehicle: Vehicle) -> Laid:
         raise InputError("is empty: no place is within all of its limits", key="where")
     if voxels_in_body(vehicle, roi)[held].all():
         raise InputError("is inside the vehicle", key="where")
-    return Laid(requirement, Positions(x, y, held), np.empty((0, 0, 7)), roi)
+    return RequirementLayout(requirement, Positions(x, y, held), np.empty((0, 0, 7)), roi)

@@ -12,8 +12,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from lidarplace.requirements.judge import Finding, Outcome
-    from lidarplace.requirements.layout import Laid
+    from lidarplace.requirements.check_requirements import CaseResult, RequirementResult
+    from lidarplace.requirements.layout import RequirementLayout
 
 MOST_CELLS = 160  # along an axis; of more positions a cell shows the worst one
 
@@ -28,7 +28,7 @@ class Ground:
     least: NDArray[np.float64]  # NaN where nothing is asked, shape (nx, ny)
 
     @classmethod
-    def of(cls, outcome: Outcome) -> Ground:
+    def of(cls, outcome: RequirementResult) -> Ground:
         """That of a requirement under one rig."""
         positions = outcome.positions
         if not positions.held.size:  # a common view is nowhere
@@ -44,7 +44,7 @@ class Ground:
         return cls(middles[0], middles[1], least)
 
 
-def extents(laid: Iterable[Laid]) -> list[dict[str, str | int]]:
+def extents(laid: Iterable[RequirementLayout]) -> list[dict[str, str | int]]:
     """What each asks of a rig: requirement, measure, positions, and objects that are placed."""
     return [
         {
@@ -57,7 +57,7 @@ def extents(laid: Iterable[Laid]) -> list[dict[str, str | int]]:
     ]
 
 
-def case_row(outcome: Outcome, finding: Finding) -> dict[str, object]:
+def case_row(outcome: RequirementResult, finding: CaseResult) -> dict[str, object]:
     """What a requirement finds in one case; place and heading are None where there is none,
     `short_by` is 0 where it is met."""
     wanted = outcome.requirement
@@ -74,7 +74,7 @@ def case_row(outcome: Outcome, finding: Finding) -> dict[str, object]:
     }
 
 
-def case_table(outcomes: Sequence[Outcome]) -> pd.DataFrame:
+def case_table(outcomes: Sequence[RequirementResult]) -> pd.DataFrame:
     """A row for each requirement of a rig and case, as built first: what is asked, `case_row`."""
     rows = [
         {

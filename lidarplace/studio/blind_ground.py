@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle, body_of
-from lidarplace.requirements.judge import Outcome
+from lidarplace.requirements.check_requirements import RequirementResult
 from lidarplace.rigs.placement import Placement
 
 EDGE_M = 0.25
@@ -69,7 +69,7 @@ def _counted(
     return middles, sensors[there]
 
 
-def failing_ground(outcome: Outcome) -> BlindGround:
+def failing_ground(outcome: RequirementResult) -> BlindGround:
     """The positions of a requirement that have too little in any of its cases."""
     fails = outcome.least_of < outcome.requirement.least
     points = outcome.positions.points[fails]

@@ -1,6 +1,6 @@
 """Writes `controlled.yaml`: rigs that differ from one another in one thing alone.
 
-Judged by generalists, with exact mounts and with angles that are off. Run as
+Evaluated by generalists, with exact mounts and with angles that are off. Run as
 `python studies/findings/controlled.py`.
 """
 

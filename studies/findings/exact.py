@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import cache
 
 import pandas as pd
-from judged import SHORT, head_of, label, number, table
 from predicting import GENERALIST, PREDICTORS, every_predictor, of, read
 from properties import properties
+from rig_results import SHORT, head_of, label, number, table
 from scipy import stats
 
 from lidarplace import PAPER_PLACEMENTS

@@ -7,7 +7,6 @@ from itertools import combinations
 
 import pandas as pd
 from distil import OTHER_SCENES
-from judged import SHORT, head_of, label, number, table
 from predicting import (
     GENERALIST,
     PREDICTORS,
@@ -18,6 +17,7 @@ from predicting import (
     own_surrogates,
     read,
 )
+from rig_results import SHORT, head_of, label, number, table
 from scipy import stats
 
 TARGETS = ("car", "recall")

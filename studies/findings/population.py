@@ -7,9 +7,9 @@ from functools import cache, partial
 
 import numpy as np
 import pandas as pd
-from judged import SHORT, Judged, head_of, label, number, table
 from numpy.typing import NDArray
 from predicting import equal_budget, of, own_detectors, predictors, read, set_aside
+from rig_results import SHORT, RigResults, head_of, label, number, table
 from scipy import stats
 
 from lidarplace import PAPER_PLACEMENTS
@@ -200,7 +200,7 @@ def _reached(target: str, kind: str) -> pd.DataFrame:
         rows = read("random_results").query("judge == 'specialist'")
         rows = of(rows[rows["placement"].isin(rigs)], SHORT[target])
     else:
-        rows = of(Judged(rigs).results, SHORT[target])
+        rows = of(RigResults(rigs).results, SHORT[target])
     return rows.pivot(index="placement", columns="seed", values="value").dropna(axis=1)
 
 

@@ -15,7 +15,7 @@ from sweeps.options import DryRunOption, SetOption
 if TYPE_CHECKING:
     import pandas as pd
 
-    from lidarplace.requirements.judge import Outcome
+    from lidarplace.requirements.check_requirements import RequirementResult
     from sweeps.configuration.question import Question
     from tracking.pages.section import Section
 
@@ -47,7 +47,7 @@ def requirements(
     with pictures of the ground around the vehicle."""
     from rich.progress import track
 
-    from lidarplace.requirements.judge import judge
+    from lidarplace.requirements.check_requirements import check_requirements
     from lidarplace.requirements.tables import by_rig, case_table, worst_cases
     from sweeps.configuration.question import read_question
     from tracking.pages.requirements import verdict_table
@@ -60,7 +60,7 @@ def requirements(
         console = Terminal(stderr=True)
         rigs = track(question.rigs, "rigs", console=console, disable=not console.is_terminal)
         outcomes = [
-            judge(question.laid, rig, question.vehicle, further)
+            check_requirements(question.laid, rig, question.vehicle, further)
             for rig, further in zip(rigs, question.further, strict=True)
         ]
         names = (rig.name for rig in question.rigs)
@@ -91,7 +91,7 @@ def _print_plan(question: Question, as_json: bool) -> None:
     output().print(extent_table(plan))
 
 
-def _as_json(outcome: Outcome) -> dict[str, Any]:
+def _as_json(outcome: RequirementResult) -> dict[str, Any]:
     from lidarplace.requirements.tables import case_row
 
     wanted = outcome.requirement
@@ -108,7 +108,7 @@ def _as_json(outcome: Outcome) -> dict[str, Any]:
 
 def _write(
     question: Question,
-    outcomes: Sequence[Sequence[Outcome]],
+    outcomes: Sequence[Sequence[RequirementResult]],
     cases: pd.DataFrame,
     worst: pd.DataFrame,
     out: Path,
@@ -126,7 +126,7 @@ def _write(
 
 
 def _sections(
-    question: Question, outcomes: Sequence[Sequence[Outcome]], worst: pd.DataFrame
+    question: Question, outcomes: Sequence[Sequence[RequirementResult]], worst: pd.DataFrame
 ) -> Iterator[Section]:
     from lidarplace.mounting.outline import outline
     from lidarplace.requirements.tables import Ground

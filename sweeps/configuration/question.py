@@ -24,7 +24,7 @@ from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
 from lidarplace.mounting.common_view import check_pairs
 from lidarplace.mounting.vehicle import Vehicle, depth_in
 from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
-from lidarplace.requirements.layout import Laid, lay_out
+from lidarplace.requirements.layout import RequirementLayout, lay_out
 from lidarplace.requirements.requirement import KIND_OF, dead_sets
 from lidarplace.requirements.settings import Requirements, RequirementSettings
 from lidarplace.rigs.further_sensors import MountedSensor
@@ -65,7 +65,7 @@ class Question:
 
     rigs: tuple[Placement, ...]
     vehicle: Vehicle
-    laid: tuple[Laid, ...]
+    laid: tuple[RequirementLayout, ...]
     further: tuple[tuple[MountedSensor, ...], ...]
 
 
@@ -90,7 +90,7 @@ def laid_out(
     vehicle: Vehicle,
     curves: DetectionCurves,
     key: str = "requirements",
-) -> tuple[Laid, ...]:
+) -> tuple[RequirementLayout, ...]:
     """Each of those of a key around the vehicle. Raises InputError."""
     laid = []
     for number, settings in enumerate(requirements):

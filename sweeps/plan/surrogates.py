@@ -12,7 +12,7 @@ from lidarplace.base.errors import at
 from lidarplace.configuration.vehicle import VehicleSettings, vehicle_of
 from lidarplace.mounting.errors import fleet
 from lidarplace.pog.surrogates.table import ASKED_OF_POG, OBJECT_SURROGATES, POG_SURROGATES
-from lidarplace.requirements.layout import Laid
+from lidarplace.requirements.layout import RequirementLayout
 from sweeps.configuration.grid import GridPoint
 from sweeps.configuration.question import check_asked, laid_out
 from sweeps.plan import named_files
@@ -79,7 +79,7 @@ def plan_recall(
     return planning.add_for(grid_point, stage, logs)
 
 
-def layout_of(planning: Planning, grid_point: GridPoint) -> tuple[Laid, ...]:
+def layout_of(planning: Planning, grid_point: GridPoint) -> tuple[RequirementLayout, ...]:
     """Return the requirements of the sweep, laid out around the vehicle of a point."""
     point = grid_point.point
     return planning.once(_lay_out, planning, point.surrogate.curves, point.vehicle)
@@ -87,7 +87,7 @@ def layout_of(planning: Planning, grid_point: GridPoint) -> tuple[Laid, ...]:
 
 def _lay_out(
     planning: Planning, curves: Path | None, vehicle: VehicleSettings | None
-) -> tuple[Laid, ...]:
+) -> tuple[RequirementLayout, ...]:
     requirements = planning.sweep.common.requirements
     if not requirements:
         return ()

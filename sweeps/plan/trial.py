@@ -7,7 +7,7 @@ from functools import cached_property
 
 from lidarplace.mounting.ring_overlap import Interleaving
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
-from lidarplace.requirements.layout import Laid
+from lidarplace.requirements.layout import RequirementLayout
 from sweeps.configuration.grid import GridPoint
 from sweeps.stages.collect import CollectStage, RecordedCloudsStage
 from sweeps.stages.evaluate import EvaluationResult
@@ -122,7 +122,7 @@ class Plan:
 
     tasks: tuple[Task, ...]
     trials: tuple[Trial, ...]
-    laid: tuple[Laid, ...] = ()
+    laid: tuple[RequirementLayout, ...] = ()
     cautions: tuple[str, ...] = ()
 
     @property

@@ -10,8 +10,8 @@ from lidarplace.clouds.shade import ends_of
 from lidarplace.clouds.shapes import BODY
 from lidarplace.coverage import count_covered
 from lidarplace.mounting.body_share import AZIMUTH_STEPS
-from lidarplace.mounting.facing import facing_pairs
 from lidarplace.mounting.housing import NO_HOUSINGS
+from lidarplace.mounting.limits import Limits, MountedSensors, check
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import Interleaving
 from lidarplace.mounting.vehicle import Vehicle
@@ -84,7 +84,9 @@ def _wasted(name: str, trial: Trial) -> list[str]:
 
 def facing(placement: Placement, vehicle: Vehicle, name: str) -> list[str]:
     """That LiDARs of a rig look into each other; nothing if none do."""
-    pairs = [f"{i + 1} and {j + 1}" for i, j in facing_pairs(placement, vehicle)]
+    sensors = MountedSensors(placement.mounts, placement.lidars, dead=placement.dead)
+    violations = check(sensors, Limits(facing=0), vehicle)
+    pairs = [f"{i + 1} and {j + 1}" for i, j in (violation.lidars for violation in violations)]
     more = f" and {len(pairs) - MOST_PAIRS} pairs more" if len(pairs) > MOST_PAIRS else ""
     said = (
         f"{name}: LiDARs {', '.join(pairs[:MOST_PAIRS])}{more} look into each other, which blinds "

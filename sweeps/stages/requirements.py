@@ -47,12 +47,12 @@ class RequirementsStage(Stage[RequirementResults]):
     tables: ClassVar = {"table": "requirements"}
 
     def run(self) -> RequirementResults:
-        from lidarplace.requirements.judge import judge
+        from lidarplace.requirements.check_requirements import check_requirements
         from lidarplace.requirements.layout import lay_out
         from lidarplace.requirements.tables import Ground, case_table
 
         layouts = [lay_out(requirement, self.vehicle) for requirement in self.requirements]
-        outcomes = judge(layouts, self.placement, self.vehicle, self.further)
+        outcomes = check_requirements(layouts, self.placement, self.vehicle, self.further)
         grounds = {str(number): Ground.of(outcome) for number, outcome in enumerate(outcomes)}
         return RequirementResults(
             case_table(outcomes),

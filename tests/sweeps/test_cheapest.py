@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount
 from lidarplace.configuration.placement import read_placement
-from lidarplace.requirements.judge import judge
+from lidarplace.requirements.check_requirements import check_requirements
 from sweeps.commands.cheapest import app
 from sweeps.search.cheapest.choose import _Work, cheapest, cost_of
 from sweeps.search.cheapest.polish import needed_for, polish
@@ -179,7 +179,7 @@ def test_the_command_writes_a_rig_that_a_requirements_file_takes(tmp_path):
     problem, other = (read_problem(tmp_path / "small.yaml", own) for own in ([], BY_POWER))
     assert problem.key == other.key, "a search is the same"
     plain = problem.question.carrier
-    (outcome,) = judge(plain.requirements, rig, plain.vehicle)
+    (outcome,) = check_requirements(plain.requirements, rig, plain.vehicle)
     assert outcome.met
     assert outcome.worst.value / 6 == pytest.approx(told["margin"])
     assert done.output.count("somebody ahead at x") == 2, "it says what each LiDAR is needed for"

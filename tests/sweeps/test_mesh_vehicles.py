@@ -267,6 +267,6 @@ def test_a_studio_s_file(folder):
     path.write_text(yaml.safe_dump({"vehicle": "body.stl", "placements": {"mine": rig}}))
     file = read_rigs(path)
     assert file.vehicle.height == 1.5
-    (inside,) = [own for own in violations(file.rigs[0], file) if own.constraint == "body"]
+    (inside,) = [own for own in violations(file.rigs[0], file) if own.limit == "body"]
     assert inside.lidars == (1,)
     assert inside.excess == pytest.approx(0.1, abs=1e-6)

@@ -13,12 +13,13 @@ from lidarplace import Mount
 from lidarplace.configuration.placement import SweptPlacementSettings
 from lidarplace.mounting.common_view import CommonView, common_view
 from lidarplace.mounting.facing import facing_pairs
-from lidarplace.requirements.judge import judge
+from lidarplace.mounting.limits import ROUNDING
+from lidarplace.requirements.check_requirements import check_requirements
 from sweeps.search.output.terminal import rig_warnings, warnings_of
 from sweeps.search.problem.as_sweep import as_plain
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, placement_of
-from sweeps.search.problem.constraints import ROUNDING, Constraint
+from sweeps.search.problem.constraints import Constraint
 from sweeps.search.problem.problem import read_problem
 
 AROUND = {"name": "somebody around", "where": {"distance": [1, 3]}, "what": "Pedestrian"}
@@ -57,7 +58,7 @@ def test_a_requirement_is_a_constraint_and_its_margin_an_objective(tmp_path):
     bounded = problem_of(tmp_path, objective="price")
     margin = problem_of(tmp_path, objective=["margin", "price"])
     carrier, rig = bounded.question.carrier, placement_of(RIG, bounded.models)
-    outcomes = judge(carrier.requirements, rig, carrier.vehicle)
+    outcomes = check_requirements(carrier.requirements, rig, carrier.vehicle)
     seen = [outcome.worst.value for outcome in outcomes]
     assert min(seen) > 0
     found = assess(RIG, bounded.question, Traffic({}, None))

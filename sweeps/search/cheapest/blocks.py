@@ -13,7 +13,7 @@ from lidarplace import Placement
 from lidarplace.base.errors import InputError
 from lidarplace.mounting.near_field import seen_voxels
 from lidarplace.mounting.vehicle import Vehicle, poses_of, voxels_in_body
-from lidarplace.requirements.layout import Laid
+from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.requirements.rays_on_objects import (
     Sight,
     at_class,
@@ -123,14 +123,14 @@ def blocks_of(lidars: Sequence[Choice], question: Question) -> list[Block]:
     return [_block(key, asked[key[0]], np.array(own), carrier) for key, own in found.items()]
 
 
-def _adds_up(laid: Laid) -> bool:
+def _adds_up(laid: RequirementLayout) -> bool:
     """Whether a requirement is of LiDARs one by one; others the judge alone knows."""
     wanted = laid.requirement
     return wanted.common_view is None and not wanted.needs and wanted.measure not in KIND_OF
 
 
 def _of_one(
-    rig: Placement, asked: Sequence[Laid], vehicle: Vehicle
+    rig: Placement, asked: Sequence[RequirementLayout], vehicle: Vehicle
 ) -> Iterator[tuple[tuple[int, str, str], NDArray[Any]]]:
     """Requirement, case, and what a single LiDAR has of objects, or misses of their parts."""
     sights: dict[tuple[Placement, str], list[Sight]] = {}
@@ -159,7 +159,9 @@ def _of_one(
                 yield key, np.floor(missed * _WHOLE).astype(np.uint8)
 
 
-def _block(key: tuple[int, str, str], own: Laid, values: NDArray[Any], carrier: Carrier) -> Block:
+def _block(
+    key: tuple[int, str, str], own: RequirementLayout, values: NDArray[Any], carrier: Carrier
+) -> Block:
     wanted = own.requirement
     objects, needed = np.nonzero(~np.isnan(own.boxes_in(key[1])[:, :, 0]))[1], wanted.least
     positions = len(np.unique(objects))

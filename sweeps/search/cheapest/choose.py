@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
-from lidarplace.requirements.judge import Outcome
+from lidarplace.requirements.check_requirements import RequirementResult
 from sweeps.configuration.search import TOTALS
 from sweeps.search.cheapest.blocks import Block, blocks_of
 from sweeps.search.cheapest.programme import Position, Programme, Row
@@ -60,7 +60,7 @@ class Verdict:
     least that one of these has of what it needs; infinite without any."""
 
     broken: tuple[Constraint, ...]
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[RequirementResult, ...]
     margin: float
 
 

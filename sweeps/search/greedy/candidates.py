@@ -11,6 +11,7 @@ from scipy.spatial.distance import cdist
 from lidarplace import Mount
 from lidarplace.base.errors import InputError
 from lidarplace.configuration.mounting import Pair
+from lidarplace.mounting.limits import ROUNDING
 from lidarplace.mounting.zone import Zone, grid
 from lidarplace.pog.selection import Exposure, Limits, VoxelChoice
 from lidarplace.pog.selection.tracing import Objective
@@ -18,7 +19,7 @@ from lidarplace.recall.choice import RecallChoice
 from sweeps.configuration.search import TOTALS, GreedySettings, SearchSettings
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.choice import Choice, Choices, is_possible, placement_of, rounded
-from sweeps.search.problem.constraints import ROUNDING, measures_of
+from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import Placed, Slot, Space
 

@@ -7,26 +7,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from lidarplace import Lidar, Placement, Roi
 from lidarplace.clouds.blind_lidars import blind_lidars
 from lidarplace.configuration.mounting import carrier_of, keep_out_boxes, mountable
 from lidarplace.configuration.vehicle import vehicle_of
-from lidarplace.mounting.body_share import body_share
-from lidarplace.mounting.common_view import CommonView, common_view, weakest
-from lidarplace.mounting.facing import facing_pairs, least_distance
-from lidarplace.mounting.housing import housings_of, without
-from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body, poses_of, zone_in_body
-from lidarplace.requirements.judge import Outcome, judge
-from lidarplace.requirements.layout import Laid
+from lidarplace.mounting.limits import Limits, MountedSensors, excess, worst
+from lidarplace.mounting.vehicle import Vehicle, zone_in_body
+from lidarplace.requirements.check_requirements import RequirementResult, check_requirements
+from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.rigs.further_sensors import MountedSensor
 from sweeps.configuration.search import TOTALS, SearchFile, SearchSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
 
-ROUNDING = 1e-9
-"""0.6 - 0.4 is not quite 0.2."""
 TIE = 1e-3
 """By so much of what is missing rigs differ for the sampler that lack the same at their worst."""
 
@@ -46,8 +38,7 @@ class Constraint:
 
     def violation(self, measure: float) -> float:
         """By how much it is not kept, in its unit; 0 or less if it is."""
-        violation = self.limit - measure if self.at_least else measure - self.limit
-        return 0.0 if abs(violation) < ROUNDING else violation
+        return excess(measure, self.limit, at_least=self.at_least)
 
     def told(self, violation: float, enough: float) -> float:
         """A violation for the sampler: as a share of the limit, and of two that are equal larger
@@ -107,8 +98,8 @@ class Carrier:
     Attributes:
         totals: price and power, by name of the model; NaN where it is not known.
         mount_prices: by name of the zone.
+        limits: limits of mounting.
         vehicle: its body, and what hides what is behind it.
-        keep_out: boxes without a LiDAR, lower and upper corner, metres, shape (n, 2, 3).
         roi: of which every LiDAR has to see something.
         further, beside: cameras and radars, which every rig has; and their price and power.
     """
@@ -116,22 +107,25 @@ class Carrier:
     models: Mapping[str, Lidar]
     totals: Mapping[str, Mapping[str, float]]
     mount_prices: Mapping[str, float]
-    body: Vehicle
+    limits: Limits
     vehicle: Vehicle
-    keep_out: NDArray[np.float64]
     roi: Roi
-    common_view: CommonView | None
-    requirements: tuple[Laid, ...]
+    requirements: tuple[RequirementLayout, ...]
     further: tuple[MountedSensor, ...]
     beside: Mapping[str, float]
 
     @classmethod
     def of(
-        cls, file: SearchFile, models: Mapping[str, Lidar], requirements: tuple[Laid, ...]
+        cls,
+        file: SearchFile,
+        models: Mapping[str, Lidar],
+        requirements: tuple[RequirementLayout, ...],
     ) -> Carrier:
         """As the configuration has it; `models` by name."""
         settings, further = file.search, file.search.further_settings
-        common = settings.constraints.common_view
+        limits = settings.constraints.limits(
+            body=vehicle_of(settings.vehicle), keep_out=keep_out_boxes(settings.keep_out)
+        )
         own = {name: (model.price, model.watts) for name, model in settings.models.items()}
         # The rig that one has without `search.models` costs nothing more.
         unknown = (math.nan if settings.models else 0.0, math.nan)
@@ -139,11 +133,9 @@ class Carrier:
             models,
             {t: {name: own.get(name, unknown)[i] for name in models} for i, t in enumerate(TOTALS)},
             {name: zone.price for name, zone in settings.zones.items()},
-            vehicle_of(settings.vehicle),
+            limits,
             with_keep_outs(settings),
-            keep_out_boxes(settings.keep_out),
             file.voxel_roi(),
-            None if common is None else common.asked(),
             requirements,
             settings.further(),
             {t: math.fsum(getattr(sensor, t) or 0.0 for sensor in further) for t in TOTALS},
@@ -155,10 +147,10 @@ class Carrier:
         own = (self.totals[total][c.model] + mounts.get(c.zone, 0.0) for c in rig)
         return math.fsum([*own, self.beside[total]])
 
-    def judged(self, rig: Choices, name: str = "rig") -> list[Outcome]:
+    def judged(self, rig: Choices, name: str = "rig") -> list[RequirementResult]:
         """What becomes of each requirement."""
         placement = placement_of(rig, self.models, name)
-        return judge(self.requirements, placement, self.vehicle, self.further)
+        return check_requirements(self.requirements, placement, self.vehicle, self.further)
 
 
 def _of_requirements(rig: Choices, carrier: Carrier) -> dict[str, float]:
@@ -189,29 +181,11 @@ def measures_of(
 def _measure(name: str, rig: Choices, placement: Placement | None, carrier: Carrier) -> float:
     if name in TOTALS:
         return carrier.total_of(name, rig)
-    if name in ("body", "keep_out"):
-        places = np.array([lidar.mount.position for lidar in rig]).reshape(-1, 3)
-        if name == "body":
-            return float(depth_in_body(carrier.body, places).max(initial=0.0))
-        return float(depth_in(carrier.keep_out, places).max(initial=0.0))
-    if name == "body_share":
-        mounts, lidars = [c.mount for c in rig], [carrier.models[c.model] for c in rig]
-        housings = housings_of(mounts, lidars)
-        shares = (
-            body_share(mount, lidar, carrier.vehicle, others=without(housings, number))
-            for number, (mount, lidar) in enumerate(zip(mounts, lidars, strict=True))
-        )
-        return max(shares, default=0.0)
-    if placement is None:
+    if placement is None and name not in ("body", "keep_out", "body_share"):
         return float(len(rig)) if name in ("blind_lidars", "facing") else 0.0
-    poses = poses_of(carrier.vehicle).values()
     if name == "blind_lidars":
+        assert placement is not None
         return float(len(blind_lidars(placement, carrier.roi, carrier.vehicle)))
-    if name == "distance":
-        return least_distance(placement)
-    if name == "facing":
-        return float(max(len(facing_pairs(placement, pose)) for pose in poses))
-    wanted = carrier.common_view
-    assert wanted is not None, name
-    views = (common_view(placement, pose, wanted, carrier.further) for pose in poses)
-    return min(weakest(view, wanted)[0] for view in views)
+    mounts, lidars = [c.mount for c in rig], [carrier.models[c.model] for c in rig]
+    sensors = MountedSensors(mounts, lidars, carrier.further)
+    return worst(name, sensors, carrier.limits, carrier.vehicle)

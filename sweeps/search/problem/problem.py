@@ -19,7 +19,7 @@ from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.vehicle import zone_in_body
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from lidarplace.recall.detection_curve import default_curves, read_curves
-from lidarplace.requirements.layout import Laid
+from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.file import ConfigError, check, read_named, reading
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_overlaps
@@ -80,7 +80,7 @@ class Problem(SearchConfig):
             "recall": trial.recall.key if self.question.needs_objects and trial.recall else None,
             "search": _without_paths(self.file.search.model_dump(mode="json", exclude=_ELSEWHERE)),
             "models": dict(self.models),  # patterns and corrections by their content
-            "vehicle": self.question.carrier.body,  # a mesh by its triangles, not by its path
+            "vehicle": self.question.carrier.limits.body,  # a mesh by triangles, not by path
             "file": _without_paths(self.file.model_dump(mode="json", include=_ANSWERING)),
         }
         text = json.dumps(content, sort_keys=True, default=plain)
@@ -249,7 +249,7 @@ def _problem(source: dict[str, Any], path: Path) -> Problem:
     return Problem(path, whole, file, models, space, start, question, rigs)
 
 
-def _laid(file: SearchFile, models: Mapping[str, Lidar]) -> tuple[Laid, ...]:
+def _laid(file: SearchFile, models: Mapping[str, Lidar]) -> tuple[RequirementLayout, ...]:
     """The requirements around the vehicle. Raises InputError."""
     asked, curves = file.search.requirements, file.surrogate.curves
     if not asked:

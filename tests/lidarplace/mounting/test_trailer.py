@@ -15,7 +15,7 @@ from lidarplace.mounting.sight import obstacles_of, stopped
 from lidarplace.mounting.trailer import BendingVehicle
 from lidarplace.mounting.vehicle import Vehicle, depth_in_body
 from lidarplace.requirements.area import Area
-from lidarplace.requirements.judge import judge
+from lidarplace.requirements.check_requirements import check_requirements
 from lidarplace.requirements.layout import lay_out
 from lidarplace.requirements.requirement import STANDARD, AlsoWhen, Requirement
 from tests.refused import refused
@@ -58,11 +58,11 @@ def asked(measure, least, **further):
 )
 def test_at_right_angles_it_is_a_box(wanted):
     vehicle = bending(90.0, -90.0)
-    (outcome,) = judge([lay_out(wanted, vehicle)], RIG, vehicle)
+    (outcome,) = check_requirements([lay_out(wanted, vehicle)], RIG, vehicle)
     by_case = {finding.case: finding for finding in outcome.findings}
     for label, box in (("", BOX), ("trailer at 90°", RIGHT), ("trailer at −90°", LEFT)):
         plain = boxed(box)
-        (expected,) = judge([lay_out(wanted, plain)], RIG, plain)
+        (expected,) = check_requirements([lay_out(wanted, plain)], RIG, plain)
         for finding in expected.findings:
             plainly = "" if finding.case == "as built" else finding.case
             own = by_case.pop(", ".join(filter(None, [label, plainly])) or "as built")

@@ -17,7 +17,7 @@ from lidarplace.mounting.trailer import BendingVehicle
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import DetectionCurve
 from lidarplace.requirements.area import Area, grid_over, in_the_way
-from lidarplace.requirements.judge import judge
+from lidarplace.requirements.check_requirements import check_requirements
 from lidarplace.requirements.layout import lay_out
 from lidarplace.requirements.presets.read import preset
 from lidarplace.requirements.requirement import (
@@ -42,7 +42,7 @@ CURVE = DetectionCurve.model_validate({"class": "Pedestrian", "iou": 0.5, "most"
 
 def outcome(area, measure, least=1.0, placed=None, rig=RIG, vehicle=CAR, **wanted):
     asked = Requirement("x", area, measure, least, placed, **wanted)
-    return judge([lay_out(asked, vehicle)], rig, vehicle)[0]
+    return check_requirements([lay_out(asked, vehicle)], rig, vehicle)[0]
 
 
 # An antenna that no ray meets, and a step and a mirror.

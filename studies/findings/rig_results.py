@@ -116,7 +116,7 @@ def number(value: float, digits: int = 2, sign: bool = False) -> str:
 
 
 @dataclass(frozen=True)
-class Judged:
+class RigResults:
     """Rigs with detectors of their own, and what was said of them before.
 
     Attributes:

@@ -17,7 +17,7 @@ from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle, poses_of
 from lidarplace.requirements.area import Positions
 from lidarplace.requirements.cameras_and_radars import seen_by_each
-from lidarplace.requirements.layout import Laid
+from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.requirements.rays_on_objects import (
     Sight,
     at_class,
@@ -38,7 +38,7 @@ from lidarplace.rigs.placement import Placement
 
 
 @dataclass(frozen=True)
-class Finding:
+class CaseResult:
     """What a requirement finds in one case."""
 
     case: str  # `AS_BUILT`, a dead LiDAR, a shorter range or mounts that are off
@@ -51,17 +51,17 @@ class Finding:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class RequirementResult:
     """A requirement under one rig."""
 
     rig: str
     requirement: Requirement
-    findings: tuple[Finding, ...]  # as built first
+    findings: tuple[CaseResult, ...]  # as built first
     positions: Positions
     least_of: NDArray[np.float64]  # of every position the least of all cases, shape (P,)
 
     @property
-    def worst(self) -> Finding:
+    def worst(self) -> CaseResult:
         """The case with the least value; of equal ones the first."""
         return min(self.findings, key=lambda finding: finding.value)
 
@@ -77,7 +77,7 @@ class _Case(NamedTuple):
     `kinds` and `names` are of the sensors that count, those of LiDARs first; `left` has by label
     the numbers of those that work, first "" with all of them."""
 
-    own: Laid
+    own: RequirementLayout
     rig: Placement
     vehicle: Vehicle
     further: Sequence[MountedSensor]
@@ -87,12 +87,12 @@ class _Case(NamedTuple):
     left: Mapping[str, Sequence[int]]
 
 
-def judge(
-    laid: Sequence[Laid],
+def check_requirements(
+    laid: Sequence[RequirementLayout],
     placement: Placement,
     vehicle: Vehicle,
     further: Sequence[MountedSensor] = (),
-) -> list[Outcome]:
+) -> list[RequirementResult]:
     """What becomes of requirements that are laid out around `vehicle` under one rig. LiDARs that
     are dead cost little: what a rig has without them follows from the counts of all. One inside of
     the vehicle's body sees nothing. Cameras and radars, `further`, are as built."""
@@ -123,11 +123,13 @@ def judge(
                     named = pose if named == AS_BUILT else f"{pose}, {named}"
                 findings.append(replace(finding, case=named))
                 least = np.fmin(least, shown)
-        outcomes.append(Outcome(placement.name, wanted, tuple(findings), own.positions, least))
+        outcomes.append(
+            RequirementResult(placement.name, wanted, tuple(findings), own.positions, least)
+        )
     return outcomes
 
 
-Found = tuple[str, Finding, NDArray[np.float64]]
+Found = tuple[str, CaseResult, NDArray[np.float64]]
 """Name of a case, "" for the rig as it is, what was found, and what every position has."""
 
 
@@ -170,7 +172,7 @@ def _of_objects(case: _Case) -> Iterator[Found]:
         value = float(np.sort(free)[may_fail(wanted.share, len(free))])
         enough = float((free >= wanted.least).mean())
         heading = float(placed.angles[by_heading[:, worst].argmin()])
-        yield label, Finding("", value, enough, x, y, heading, float(values[worst])), values
+        yield label, CaseResult("", value, enough, x, y, heading, float(values[worst])), values
 
 
 def _of_lidars(
@@ -232,7 +234,7 @@ def _of_pairs(case: _Case, asked: CommonView) -> Iterator[Found]:
     least = case.own.requirement.least
     enough = float(np.mean([own >= least for own in found.values()])) if found else 1.0
     label = " and ".join(names[n] if n < len(names) else "none" for n in pair or ())
-    yield label, Finding("", share, enough, math.nan, math.nan, None, share), np.empty(0)
+    yield label, CaseResult("", share, enough, math.nan, math.nan, None, share), np.empty(0)
 
 
 def _of_volume(case: _Case, roi: Roi) -> Iterator[Found]:
@@ -248,4 +250,4 @@ def _of_volume(case: _Case, roi: Roi) -> Iterator[Found]:
         worst = int(shares.argmin())
         x, y = own.positions.points[worst].tolist()
         share = int(seen.sum()) / int(outside.sum())
-        yield label, Finding("", share, share, x, y, None, float(shares[worst])), shares
+        yield label, CaseResult("", share, share, x, y, None, float(shares[worst])), shares
