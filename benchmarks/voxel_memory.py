@@ -16,7 +16,6 @@ import yaml
 
 from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import CLASSES, GEOMETRY
-from sweeps.execution.memory import voxel_memory
 from sweeps.execution.worker import run_task
 from sweeps.plan.plan import read_plan
 from sweeps.store.local import Store
@@ -59,9 +58,10 @@ def measure(folder: Path, resolution: float, classes: int, occlusion: bool, stud
             before = peak
         else:
             print(
-                f"{task.stage.name:15} {voxels:.3g} voxels, {classes} classes, occlusion {occlusion}: "
+                f"{task.stage.name:15} {voxels:.3g} voxels, {classes} classes, "
+                f"occlusion {occlusion}: "
                 f"{(peak - before) / voxels:4.1f} bytes a voxel, "
-                f"{voxel_memory(task) / voxels:.0f} estimated",
+                f"{task.stage.need().memory / voxels:.0f} estimated",
                 flush=True,
             )
 

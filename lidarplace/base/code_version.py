@@ -168,6 +168,10 @@ class _Reader:
                     self._follow_import(called, node)
             case ast.AnnAssign() if in_class:  # dataclasses and pydantic read them
                 annotation = self.text(node.annotation)
+            case ast.AnnAssign(value=None):
+                return ""
+            case ast.AnnAssign():
+                node = ast.Assign([node.target], node.value)
             case ast.AST():
                 pass
             case _:

@@ -51,7 +51,7 @@ class Planning:
     ) -> Task[S]:
         """Add a task that is labelled with the axes that decide it, and `names`."""
         inputs = tuple(inputs)
-        keys = stage.keys().union(*(task.keys for task in inputs))
+        keys = stage.config_keys().union(*(task.keys for task in inputs))
         return self.add(stage, task_label(grid_point, keys, *names), inputs)
 
     def caution(self, *sentences: str) -> None:

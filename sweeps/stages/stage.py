@@ -69,7 +69,6 @@ class Stage(ABC, Generic[R]):
         return (type(self).__module__,)
 
     @classmethod
-    @cache
     def result(cls) -> type[R]:
         """Return the class of the result."""
         result: type[R] = get_type_hints(cls.run)["return"]
@@ -77,7 +76,7 @@ class Stage(ABC, Generic[R]):
 
     @classmethod
     @cache
-    def keys(cls) -> frozenset[str]:
+    def config_keys(cls) -> frozenset[str]:
         """Return the key paths of the configuration that decide the fields."""
         hints = get_type_hints(cls, include_extras=True).values()
         return frozenset(key for hint in hints for key in getattr(hint, "__metadata__", ()))

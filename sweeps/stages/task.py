@@ -37,7 +37,7 @@ class Task(Generic[S]):
     @cached_property
     def keys(self) -> frozenset[str]:
         """Key paths of the configuration that decide the result."""
-        return self.stage.keys().union(*(task.keys for task in self.inputs))
+        return self.stage.config_keys().union(*(task.keys for task in self.inputs))
 
     @cached_property
     def key(self) -> str:

@@ -20,10 +20,8 @@ from sweeps.command_line import app
 from sweeps.commands.doctor import scenes
 from sweeps.configuration.command import CommandJudge
 from sweeps.plan.plan import read_plan
+from sweeps.stages.command import CommandFailed, CommandStage
 from sweeps.store.open import store_of
-from sweeps.stages.command import CommandFailed
-from sweeps.tasks.XXX import detected_by
-from sweeps.stages.command import CommandStage
 from tests.forked import Forked
 from tests.mlflow_database import write_database
 from tests.sweeps.toy import call
@@ -137,7 +135,7 @@ def test_seeds_are_of_a_command_that_names_them(here):
     assert len(keys(write_judged(here, seeded, grid={"seed": [1, 2]}))) == 2
 
 
-def params(folder: Path, code: str, **changes: object) -> CommandStage:
+def stage_of(folder: Path, code: str, **changes: object) -> CommandStage:
     (folder / "own.py").write_text(code)
     command = f"{sys.executable} own.py {{clouds}} {{detections}}"
     how = {"command": command, "format": "parquet", "folder": folder, "time_limit": 20.0}
@@ -186,7 +184,7 @@ table.to_parquet(sys.argv[2] + "/found.parquet")
 )
 def test_what_is_wrong_is_one_line(code, line, given, tmp_path):
     with pytest.raises(CommandFailed, match=rf"^judge.command: .*{line}") as error:
-        detected_by(params(tmp_path, code), *given)
+        stage_of(tmp_path, code).detect(*given)
     assert "\n" not in str(error.value)
     assert [path.name for path in (tmp_path / "commands").iterdir()] == ["a.log"]
 
@@ -200,8 +198,8 @@ def test_a_wrong_convention_fails_unless_accepted_and_a_percentage_is_a_caution(
     told = r": a: column y: detections fit the labels with y mirrored: median IoU 1.00 instead of "
     told += r"0.00, of 12 objects in 1 frames; .*, or accept the values: judge.accept: \[place\]; "
     with pytest.raises(CommandFailed, match=told):
-        detected_by(params(tmp_path, code), frames, objects, clouds)
-    found = detected_by(params(tmp_path, code, accept=["place"]), frames, objects, clouds)
+        stage_of(tmp_path, code).detect(frames, objects, clouds)
+    found = stage_of(tmp_path, code, accept=["place"]).detect(frames, objects, clouds)
     assert len(found.detections) == 12
     assert [text.partition(";")[0] for text in found.cautions] == [
         "a: column score: scores are from 50 to 50, as percent are"
@@ -209,15 +207,15 @@ def test_a_wrong_convention_fails_unless_accepted_and_a_percentage_is_a_caution(
 
 
 def test_no_such_program(given, tmp_path):
-    own = params(tmp_path, "", command="no-such-program {clouds} {detections}")
+    own = stage_of(tmp_path, "", command="no-such-program {clouds} {detections}")
     with pytest.raises(CommandFailed, match="no-such-program: No such file or directory"):
-        detected_by(own, *given)
+        own.detect(*given)
 
 
 def test_the_time_limit_ends_the_whole_group(given, tmp_path):
     mark = f"left-{os.getpid()}"
     with pytest.raises(CommandFailed, match="killed after the time limit of 1 s"):
-        detected_by(params(tmp_path, hanging(mark), time_limit=1.0), *given)
+        stage_of(tmp_path, hanging(mark), time_limit=1.0).detect(*given)
     assert_gone(mark)
 
 

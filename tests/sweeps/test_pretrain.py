@@ -13,8 +13,8 @@ from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import execute
 from sweeps.plan.plan import make_plan
 from sweeps.plan.pretrain_task import pretrain_task, training_of
-from sweeps.store.local import Store
 from sweeps.stages.task import with_inputs
+from sweeps.store.local import Store
 from tests.sweeps.toy import Loud, call
 from training import build_detector
 

@@ -14,7 +14,6 @@ from sweeps.commands.run import app
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.stages.recall import RecallStage
-from sweeps.tasks.XXX import recall
 from tests.lidarplace.recall.small_scenes import CURVES, LIDAR, MOUNTS, ROI, ROWS, cells_hit, log_of
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_sweep
@@ -49,8 +48,8 @@ def stage(rows, *rigs, classes=("Bus", "Tram")):
     log = log_of(*rows)
     log.frames["split"] = np.where(log.frames["frame"] == 3, "test", "train")
     curves = CURVES.model_copy(update={"curves": (*CURVES.curves, curve("Car", 0.9))})
-    params = RecallStage(rigs, OBJECT_SURROGATES, ROI, classes, curves, seed=0, frames=99)
-    table = recall(params, log).table
+    recall = RecallStage(rigs, OBJECT_SURROGATES, ROI, classes, curves, seed=0, frames=99)
+    table = recall.run(log).table
     assert set(table["method"]) <= {"raycast"}
     return table.set_index(["class", "surrogate"])["value"]
 

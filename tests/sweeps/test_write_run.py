@@ -15,12 +15,11 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import read_plan
 from sweeps.results.failure_frames import failure_frames
 from sweeps.results.run_folder import _once
-from sweeps.store.open import store_of
 from sweeps.stages.collect import CollectStage
 from sweeps.stages.recall import RecallStage
 from sweeps.stages.requirements import RequirementsStage
 from sweeps.stages.surrogates import SurrogatesStage
-from sweeps.tasks.XXX import keys_of
+from sweeps.store.open import store_of
 from tests.sweeps.toy import call, ran
 from tracking.findings.failures import failures
 from tracking.findings.groups import groups
@@ -65,7 +64,7 @@ def test_tables_have_the_columns_that_their_models_tell(folder):
 )
 def test_rows_of_settings_that_differ_are_told_apart(table, stages):
     """Of all keys that decide what a row says, the axes are columns; or rows were there twice."""
-    keys = {key.partition(".")[0] for stage in stages for key in keys_of(object.__new__(stage))}
+    keys = {key.partition(".")[0] for stage in stages for key in stage.config_keys()}
     assert keys - {"placement", "classes"} <= set(table.axes)
 
 
