@@ -23,6 +23,7 @@ from sweeps.mlflow.page import ABOUT, columns, note
 from sweeps.mlflow.trials import TrialLog
 from sweeps.plan.labels import further_axes
 from sweeps.plan.trial import Plan, Trial
+from sweeps.results.failure_frames import write_failure_frames
 from sweeps.results.origin import record_origin
 from sweeps.results.promotion import at_most, promote
 from sweeps.results.run_folder import Run, write_run
@@ -37,9 +38,8 @@ from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.page import source_tags
 from tracking.report.analysis import Analysis
-from tracking.report.build import build_report
+from tracking.report.build import write_report
 from tracking.report.decision.build import FILE as DECISION
-from tracking.run_folders.sweep import RunFolder
 
 
 def run_sweep(
@@ -134,17 +134,18 @@ class SweepWork:
 
     def report(self, folder: Path, run: Run, log: SweepLog) -> Path | None:
         """Tables; and report, artifacts and summary, if a trial finished."""
-        write_run(folder, self.sweep, self.plan, self.store, run)
+        analysis = write_run(folder, self.sweep, self.plan, self.store, run)
+        frames = write_failure_frames(analysis, self.plan, self.store)
         if len(_failed(self.plan, run)) == len(self.plan.trials):
             return None
-        report = build_report(folder)
+        report = write_report(analysis, frames)
         pages = (*sorted(folder.glob("*.html")), report.with_suffix(".md"))
         written = (*pages, folder / "sweep.json", folder / "config.yaml")
         for path in (*written, *sorted(folder.glob("*.parquet"))):
             log.artifact(path)
         for path in sorted((folder / "tables").glob("*.csv")):
             log.artifact(path, "tables")
-        _print_summary(self.console, folder)
+        _print_summary(self.console, analysis)
         return report
 
 
@@ -182,16 +183,16 @@ def sweep_key(sweep: Sweep, plan: Plan) -> str:
     return hashlib.sha256(content.encode()).hexdigest()[:12]
 
 
-def _print_summary(console: Console, folder: Path) -> None:
-    run = RunFolder.read(folder)
+def _print_summary(console: Console, analysis: Analysis) -> None:
+    run = analysis.complete
     summary = summary_table(run)
     alone = run.results.empty
-    what = "entropies in nats" if alone else "means over seeds, percent"
-    shown = partial(_short, below=".4g" if alone else ".1f")
-    rows = (map(shown, row) for row in summary.itertuples(index=False))
-    title = f"{folder.name}: best placement first, {what}"
+    unit = "entropies in nats" if alone else "means over seeds, percent"
+    cell = partial(_short, below=".4g" if alone else ".1f")
+    rows = (map(cell, row) for row in summary.itertuples(index=False))
+    title = f"{run.path.name}: best placement first, {unit}"
     console.print(table(title, list(summary.columns), rows))
-    for line in Analysis.of(run).headline:
+    for line in analysis.headline:
         console.print(line, soft_wrap=True)
     counted = ray_counting_caution(largest_linear_share(run.surrogates))
     for text in [*counted, *run.sweep.cautions]:

@@ -22,7 +22,7 @@ def headline_iou(results: pd.DataFrame, object_class: str, metric: str | None = 
     return wanted if own.empty or wanted in set(own["iou"]) else float(own["iou"].max())
 
 
-def judged(
+def at_headline_iou(
     table: pd.DataFrame, results: pd.DataFrame, object_class: str, metric: str | None = None
 ) -> pd.DataFrame:
     """Rows of a class with its headline metric, or `metric`, at its headline IoU in `results`."""
@@ -31,7 +31,7 @@ def judged(
     return own[own["iou"] == headline_iou(results, object_class, wanted)]
 
 
-def judged_by_all(table: pd.DataFrame, results: pd.DataFrame, object_class: str) -> pd.DataFrame:
+def at_headline_ious(table: pd.DataFrame, results: pd.DataFrame, object_class: str) -> pd.DataFrame:
     """Rows of a class with any metric, each at its headline IoU in `results`."""
     own = table[table["class"] == object_class]
     return own[own["iou"].isin([headline_iou(results, object_class), EVERY_IOU])]

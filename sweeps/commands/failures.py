@@ -79,8 +79,7 @@ def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
     from tracking.findings.failures import failures
     from tracking.findings.groups import copies, groups, without
     from tracking.findings.promotion import fully_trained
-    from tracking.report.headline import headline_ranking
-    from tracking.report.recommendation import compared_failures
+    from tracking.report.recommendation import Recommendation, compared_failures
 
     for name in ("objects", "found"):
         if getattr(run, name) is None:
@@ -97,8 +96,8 @@ def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
         problem = f"{run.path} has {places or 'no detector'}"
         raise InputError(problem, place=f"--where {' '.join(where)}")
     if rigs is None:
-        ranked = ((group, headline_ranking(run, group)) for group in chosen)
-        found = compared_failures(run, ranked)
+        ranked = [Recommendation(run, group) for group in chosen]
+        found = compared_failures([one for one in ranked if one.ranking])
         named = "two rigs"
     else:
         first, second = _two(rigs, run)

@@ -68,8 +68,13 @@ def check_free(folder: Path) -> None:
         raise InputError("is the run folder of a sweep", place=str(folder), fix=fix)
 
 
-def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> None:
-    """Write all that reports read. The judge is "generalist" if one network made all detections."""
+def write_evaluation(
+    folder: Path, found: Worth, asked: Asked, judge: str
+) -> tuple[Analysis, FailureFrames | None]:
+    """Write all that reports read; return the analysis of the folder and the frames to show.
+
+    The judge is "generalist" if one network made all detections.
+    """
     test = asked.test
     folder.mkdir(parents=True, exist_ok=True)
     trials = _trials(found)
@@ -101,11 +106,13 @@ def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> No
         detections={name: tuple(own) for name, own in asked.paths.items()},
     ).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
-    compared = Analysis.of(RunFolder.read(folder)).pair
-    if compared is not None:
+    analysis, frames = Analysis(RunFolder.read(folder)), None
+    if analysis.pair is not None:
         boxes = {str(place["trial"]): own.detections for place, own in trials}
         none = np.zeros((0, 4), np.float32)
-        frames_of(compared, boxes, lambda trial, frame: none).write(folder)
+        frames = frames_of(analysis.pair, boxes, lambda trial, frame: none)
+        frames.write(folder)
+    return analysis, frames
 
 
 def _found(objects: pd.DataFrame, own: EvaluationResult, place: Mapping[str, Cell]) -> pd.DataFrame:

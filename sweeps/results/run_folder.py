@@ -23,7 +23,6 @@ from sweeps.configuration.grid import Sweep
 from sweeps.execution.execute import Outcome
 from sweeps.plan.labels import further_axes
 from sweeps.plan.trial import DetectorTrial, Plan, Trial, with_detector
-from sweeps.results.failure_frames import failure_frames
 from sweeps.results.object_tables import object_tables
 from sweeps.results.pictures import drawn, grounds, maps, one_frame
 from sweeps.results.promotion import Promotion
@@ -43,7 +42,7 @@ from sweeps.store.local import Store
 from tracking.mlflow.uri import absolute_uri
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
-from tracking.run_folders.arrays import FailureFrames, Grounds
+from tracking.run_folders.arrays import Grounds
 from tracking.run_folders.json_file import Triangles
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
@@ -75,8 +74,11 @@ class Run:
     seconds: float
 
 
-def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) -> None:
-    """Gather the results of all trials into `folder`, each file renamed into place."""
+def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) -> Analysis:
+    """Gather the results of all trials into `folder`, each file renamed into place.
+
+    Returns the analysis of the folder.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     axes = further_axes(sweep)
     there = store.finished(plan.tasks)
@@ -120,10 +122,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
     counts = Frames(train=frames["train"], test=frames["test"])
     cautions = [*plan.cautions, *rig_cautions(plan), *_detection_cautions(tested, store)]
     _about(sweep, counts, run, pictured, body, plan, cautions).write(folder)
-    (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
-    compared = Analysis.of(RunFolder.read(folder)).pair
-    if compared is not None:
-        failure_frames(compared, {trial.key: trial for trial in tested}, store).write(folder)
+    return Analysis(RunFolder.read(folder))
 
 
 @cache

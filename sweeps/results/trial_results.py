@@ -12,7 +12,7 @@ from sweeps.stages.evaluate import EvaluationResult
 from sweeps.stages.task import Task
 from sweeps.store.local import Store
 from tracking.findings.groups import ONE_FOR_ALL
-from tracking.kitti_iou import judged
+from tracking.kitti_iou import at_headline_iou
 
 Cell = int | float | str
 """What a cell of a table holds."""
@@ -35,7 +35,9 @@ def trial_results(
 
 def headline_value(metrics: pd.DataFrame, metric: str, object_class: str) -> float:
     """A metric of a class at KITTI's IoU, percent; NaN if it was not measured."""
-    return next(iter(judged(metrics, metrics, object_class, metric)["value"].tolist()), math.nan)
+    return next(
+        iter(at_headline_iou(metrics, metrics, object_class, metric)["value"].tolist()), math.nan
+    )
 
 
 def trial_seconds(trial: Trial, store: Store) -> float:

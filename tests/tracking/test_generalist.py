@@ -9,7 +9,7 @@ import pytest
 from made_up_run import report_of, write_run
 from scipy import stats
 
-from tracking.findings.ceiling import beside, ceilings
+from tracking.findings.ceiling import ceilings, with_ceilings
 from tracking.findings.correlation import correlate
 from tracking.findings.generalist import (
     calibration,
@@ -57,7 +57,7 @@ def test_comparison_by_hand(run):
     surrogates = with_judgements(run)
     means = seed_means(run.results, run.axes, run.left_out)
     found = ceilings(run.results, run.left_out, run.axes)
-    table = beside(correlate(run.results, surrogates, run.axes), found, run.axes)
+    table = with_ceilings(correlate(run.results, surrogates, run.axes), found, run.axes)
     rows = compare(run, means, table)
     # 2 detectors, 2 other judges; 3D AP and recall of two classes with objects, recall of all.
     assert len(rows) == 2 * 2 * 5

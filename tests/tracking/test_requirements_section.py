@@ -17,7 +17,7 @@ from lidarplace.requirements.check_requirements import CaseResult, RequirementRe
 from lidarplace.requirements.requirement import Requirement
 from lidarplace.requirements.tables import Ground, case_table, worst_cases
 from tests.refused import refused
-from tracking.findings.groups import met, verdicts
+from tracking.findings.groups import met, worst_requirements
 from tracking.mlflow.content import requirement_metrics
 from tracking.pages.requirements import requirement_map
 from tracking.run_folders.arrays import Grounds
@@ -54,7 +54,7 @@ def folder(made_up_run, tmp_path_factory) -> Path:
 
 def test_the_worst_case_decides(folder):
     run = RunFolder.read(folder)
-    found = verdicts(run, {})
+    found = worst_requirements(run, {})
     assert len(found) == 2 * len(run.placements)
     number = {name: i for i, name in enumerate(run.placements)}
     for name, row in found[found["requirement"] == NEAR].set_index("placement").iterrows():

@@ -60,7 +60,7 @@ def ceilings(
     return table
 
 
-def beside(
+def with_ceilings(
     correlations: pd.DataFrame, ceilings: pd.DataFrame, axes: Sequence[str] = ()
 ) -> pd.DataFrame:
     """`correlations` with `ceiling`, `ceiling_low` and `ceiling_high` of every row.

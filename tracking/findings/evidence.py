@@ -13,7 +13,7 @@ from lidarplace.configuration.yaml import parse_yaml
 from lidarplace.pog.surrogates.evaluate import MOSTLY_LINEAR
 from tracking.findings.groups import ONE_FOR_ALL, Group
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
-from tracking.kitti_iou import headline_iou, judged
+from tracking.kitti_iou import at_headline_iou, headline_iou
 from tracking.labels import metric_label, some
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.jackknife import LEAST_ROUTES
@@ -110,19 +110,21 @@ def few_seeds(
 
 
 def _few_seeds(run: RunFolder, group: Group) -> list[Weakness]:
-    known = group.of(run.results).dropna(subset=["value"])
-    by_rig = known.groupby("placement", sort=False)["seed"]
+    values = group.of(run.results).dropna(subset=["value"])
+    by_rig = values.groupby("placement", sort=False)["seed"]
     seeds = {str(name): set(numbers) for name, numbers in by_rig}
-    found = few_seeds(seeds, group.judge in ONE_FOR_ALL, "grid.seed", (*run.classes, "all"))
+    few = few_seeds(seeds, group.judge in ONE_FOR_ALL, "grid.seed", (*run.classes, "all"))
     judges = [value_at(run.config, "judge"), *(value_at(run.config, "grid", "judge") or ())]
-    commands = [judge.get("command", "") for judge in judges if isinstance(judge, dict)]
-    if not all("{seed}" in command for command in commands):  # it evaluates a placement only once
+    commands = {
+        j.get("name", "command"): j.get("command", "") for j in judges if isinstance(j, dict)
+    }
+    if "{seed}" not in commands.get(group.judge, "{seed}"):  # it evaluates a placement only once
         more = " Name {seed} in judge.command to train it again."
-        found = [replace(few, sentence=few.sentence + more, remedy={}) for few in found]
+        few = [replace(weakness, sentence=weakness.sentence + more, remedy={}) for weakness in few]
     if group.judge == ONE_FOR_ALL[1]:  # there is one; generalists of the sweep's own can be several
-        own = _set(run, "judge", ONE_FOR_ALL[0])
-        found = [replace(weakness, remedy={**own, **weakness.remedy}) for weakness in found]
-    return found
+        generalists = _set(run, "judge", ONE_FOR_ALL[0])
+        few = [replace(weakness, remedy={**generalists, **weakness.remedy}) for weakness in few]
+    return few
 
 
 def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
@@ -175,7 +177,7 @@ def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
 
 def _learned_little(run: RunFolder, group: Group) -> Iterator[Weakness]:
     for name in run.classes:
-        own = judged(group.of(run.results), run.results, name)
+        own = at_headline_iou(group.of(run.results), run.results, name)
         most = own.groupby("placement")["value"].mean().max()
         if most < LEAST_AP:
             metric = metric_label(HEADLINE_METRIC, headline_iou(run.results, name))

@@ -11,7 +11,7 @@ from scipy import stats
 from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
 from tracking.findings.groups import JUDGE, ONE_FOR_ALL, at
 from tracking.findings.paired import group_columns
-from tracking.kitti_iou import judged, judged_by_all
+from tracking.kitti_iou import at_headline_iou, at_headline_ious
 from tracking.labels import metric_name
 from tracking.run_folders.sweep import RunFolder
 
@@ -46,7 +46,7 @@ def judgements(run: RunFolder) -> pd.DataFrame:
     parts = []
     for name in (*run.classes, "all"):
         for metric in _RECALL[1:] if name == "all" else _OF_A_CLASS:
-            rows = judged(run.results[one], run.results, name, metric)
+            rows = at_headline_iou(run.results[one], run.results, name, metric)
             means = rows.groupby(keys, dropna=False, sort=False)["value"].mean().dropna()
             part = means.reset_index().drop(columns=JUDGE).merge(own, how="cross")
             parts.append(part.assign(**{"class": name, "surrogate": judgement_name(metric)}))
@@ -103,7 +103,7 @@ def compare(run: RunFolder, means: pd.DataFrame, correlations: pd.DataFrame) -> 
     """
     same = correlations["surrogate"] == correlations["metric"].map(judgement_name)
     known = correlations[same & (correlations["n"] > 0)]
-    at = [judged_by_all(known, run.results, name) for name in (*run.classes, "all")]
+    at = [at_headline_ious(known, run.results, name) for name in (*run.classes, "all")]
     rows = pd.concat(at).sort_index().reset_index(drop=True)
     keys = group_columns(run.axes)
     pairs = [side_by_side(means, row) for row in rows[keys].to_dict("records")]

@@ -99,7 +99,7 @@ def groups(run: RunFolder) -> Iterator[Group]:
         yield Group(detector, setting, str(setting.get(JUDGE, run.sweep.judge)), len(found) > 1)
 
 
-def verdicts(run: RunFolder, setting: Mapping[str, object]) -> pd.DataFrame:
+def worst_requirements(run: RunFolder, setting: Mapping[str, object]) -> pd.DataFrame:
     """The worst case of each requirement under each placement at one setting of the axes, by
     `lidarplace.requirements.tables.worst_cases`; none if nothing was required."""
     cases = run.requirements
@@ -124,7 +124,7 @@ def copies(run: RunFolder) -> dict[str, str]:
         if own.empty:  # its LiDARs are unknown
             continue
         values = own.drop(columns=["placement", "seconds"], errors="ignore").astype(str)
-        same = (mounts, tuple(sorted(values.itertuples(index=False, name=None))))
+        same = (mounts, tuple(sorted(values.itertuples(index=False, name=None), key=repr)))
         if (first := seen.setdefault(same, name)) != name:
             found[name] = first
     return found

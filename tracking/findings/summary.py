@@ -8,7 +8,7 @@ from scipy import stats
 
 from lidarplace.base.metrics import EVERY_IOU, HEADLINE_METRIC, METRICS, RANKING, headline_metric
 from lidarplace.pog.surrogates.table import DECIDING, SURROGATES
-from tracking.findings.groups import JUDGE, ONE_FOR_ALL, met, verdicts
+from tracking.findings.groups import JUDGE, ONE_FOR_ALL, met, worst_requirements
 from tracking.findings.paired import group_columns, matching
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_short
@@ -207,7 +207,7 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
             row[title] = group.loc[match, "value"].mean()
             if title == best:
                 row["sd"] = group.loc[match, "value"].std()
-        row["requirements"] = met(verdicts(run, setting)).get(row["placement"])
+        row["requirements"] = met(worst_requirements(run, setting)).get(row["placement"])
         rows.append(row)
     table = pd.DataFrame(rows).dropna(axis="columns", how="all")
     if best in table.columns:
@@ -246,7 +246,7 @@ def _surrogate_summary(run: RunFolder) -> pd.DataFrame:
             of_classes = pd.DataFrame(known, index=order)
             total = of_classes.sum(axis=1, min_count=1)
             columns[title] = of_classes.mean(axis=1) if SURROGATES[surrogate].of_objects else total
-        columns["requirements"] = met(verdicts(run, setting)).reindex(order)
+        columns["requirements"] = met(worst_requirements(run, setting)).reindex(order)
         table = pd.DataFrame(columns).dropna(axis="columns", how="all")
         table = table.sort_values(surrogate_short(decides), ascending=False, kind="stable")
         tables.append(table.head(TERMINAL_ROWS))

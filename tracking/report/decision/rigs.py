@@ -14,7 +14,6 @@ from tracking.figures.kit.vehicle_lines import extent_of, name_of, posts, vehicl
 from tracking.labels import digits
 from tracking.pages.section import Section
 from tracking.report.recommendation import Recommendation
-from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import LidarModel
 
 _VIEW = 120  # pixels of both views
@@ -27,19 +26,20 @@ Viewed = tuple[str, PicturedRig]
 """A title, plotly text, and the rig with what stands behind the pose of every mount."""
 
 
-def picture_section(run: RunFolder, found: Recommendation) -> Section:
-    """The vehicle with the LiDARs of the best rigs in 3D, for the first screen."""
-    lidars = run.sweep.lidars
+def picture_section(recommended: Recommendation) -> Section:
+    """Draw the vehicle with the LiDARs of the best rigs in 3D, for the first screen."""
+    run, lidars = recommended.run, recommended.run.sweep.lidars
     rigs = {
         name: PicturedRig.of(run.placements[name], [_model_words(m) for m in lidars.get(name, ())])
-        for name in found.shown
+        for name in recommended.drawn
     }
     note = f"The menu has the best rigs. {AXES_AND_POSTS}"
     return Section("The rigs", [note], [rig_picture(rigs, run.sweep.body)], top=True)
 
 
-def rigs_section(run: RunFolder, found: Recommendation) -> Section:
-    """The best rigs side by side, from above and from the side, with mounts and models."""
+def rigs_section(recommended: Recommendation) -> Section:
+    """Draw the best rigs side by side, from above and from the side, with mounts and models."""
+    run, names = recommended.run, recommended.drawn
     note = (
         f"From above, and from the side; the nose of {name_of(run.sweep.body)} is on the right. A "
         "line leads from above to where a LiDAR's top leans, from the side to where its front "
@@ -47,13 +47,13 @@ def rigs_section(run: RunFolder, found: Recommendation) -> Section:
         "ground."
     )
     section = Section("Where the LiDARs sit", [note])
-    if left := len(found.best.sure) - len(found.shown):
+    if left := len(recommended.best.sure) - len(names):
         more = f"{left} more {'is' if left == 1 else 'are'} in the report"
-        section.notes.append(f"Drawn are the {len(found.shown)} best, {more}.")
+        section.notes.append(f"Drawn are the {len(names)} best, {more}.")
     rigs, lidars = run.placements, run.sweep.lidars
     drawn = [
-        viewed_rig(name, rigs[name], lidars.get(name, ()), found.best.equal == [name])
-        for name in found.shown
+        viewed_rig(name, rigs[name], lidars.get(name, ()), recommended.best.equal == [name])
+        for name in names
     ]
     section.figures = rig_views(drawn, run.sweep.body)
     return section

@@ -1,5 +1,6 @@
 """The section of where each rig sees and where it is blind: recall by direction and distance."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,6 @@ from tracking.report.sections.objects import (
     means_by_bin,
     wide,
 )
-from tracking.run_folders.sweep import RunFolder
 
 _METRICS = ("class_recall_3D", "recall", "AP_R40_3D")
 """The first that a table has shows where objects are found; older run folders have AP alone."""
@@ -52,15 +52,15 @@ class _Binned:
         return [name for name in self.bins.names if self.objects[name] >= _FEW]
 
 
-def where_blind_section(run: RunFolder, found: Recommendation) -> Section | None:
-    """A table of colours for each class, by direction and by distance; None without either."""
-    tables = []
+def where_blind_section(recommended: Recommendation) -> Section | None:
+    """Show recall by direction and by distance, a figure for each class; None without either."""
+    run, tables = recommended.run, []
     for table, keys, in_bins in ((run.sector, SECTOR, in_sectors), (run.distance, RING, in_rings)):
         known = () if table is None else set(table.get("metric", ()))
         if table is None or not (metric := next((name for name in _METRICS if name in known), "")):
             continue
-        for _, rows in means_by_bin(run, [found.group], table, keys, metric):
-            tables.append(_binned(found, *in_bins(rows)))
+        for _, rows in means_by_bin(run, [recommended.group], table, keys, metric):
+            tables.append(_binned(recommended.drawn, *in_bins(rows)))
     if not tables:
         return None
     note = (
@@ -72,7 +72,7 @@ def where_blind_section(run: RunFolder, found: Recommendation) -> Section | None
         own = [one for one in tables if one.object_class == name]
         limits = _limits(own)
         section.figures += [bin_table(one, limits) for one in own]
-        section.notes += _behind(own, found.best.best)
+        section.notes += _behind(own, recommended.best.best)
     return section
 
 
@@ -82,14 +82,14 @@ def _limits(tables: list[_Binned]) -> tuple[float, float]:
     return float(np.nanmin(values)), float(np.nanmax(values))
 
 
-def _binned(found: Recommendation, own: pd.DataFrame, bins: Bins) -> _Binned:
+def _binned(rigs: Sequence[str], own: pd.DataFrame, bins: Bins) -> _Binned:
     values = wide(own, bins, "mean")
     first = own.iloc[0]
     return _Binned(
         str(first["class"]),
         metric_label(first["metric"], first["iou"]),
         bins,
-        values.reindex([name for name in found.shown if name in values.index]),
+        values.reindex([name for name in rigs if name in values.index]),
         own.groupby("bin")["ground_truths"].max(),
     )
 

@@ -13,7 +13,7 @@ import pandas as pd
 from lidarplace.base.metrics import RANKING
 from lidarplace.rigs.placement import Mount
 from tracking.findings.groups import Group
-from tracking.kitti_iou import judged
+from tracking.kitti_iou import at_headline_iou
 from tracking.labels import plus_minus, points
 from tracking.pages.section import (
     METRIC,
@@ -35,9 +35,9 @@ from tracking.run_folders.sweep import RunFolder
 DENSITY = "scene.density"
 
 
-def density_section(found: Analysis) -> Section | None:
+def density_section(analysis: Analysis) -> Section | None:
     """A column a density; None for a sweep with less than two densities."""
-    run = found.run
+    run = analysis.run
     if DENSITY not in run.axes or run.trials[DENSITY].nunique() < 2:
         return None
     densities = sorted(run.trials[DENSITY].dropna().unique().tolist())
@@ -47,10 +47,12 @@ def density_section(found: Analysis) -> Section | None:
     )
     section = Section("Ablation: density", [note])
     # One density each: the groups of the others differ in density alone.
-    alike = [g for g in found.groups if g.setting[DENSITY] == found.groups[0].setting[DENSITY]]
+    alike = [
+        g for g in analysis.groups if g.setting[DENSITY] == analysis.groups[0].setting[DENSITY]
+    ]
     for name in (*run.classes, "all"):
         label = headline_label(run.results, name)
-        own = judged(found.means, run.results, name)
+        own = at_headline_iou(analysis.means, run.results, name)
         for group in alike:
             same = group.setting
             parts = [replace(group, setting={**same, DENSITY: d}).of(own) for d in densities]
@@ -90,11 +92,11 @@ ANGLES = ("roll", "pitch")
 _DIFFERENCE = ("difference", "low", "high")
 
 
-def tilts_section(found: Analysis) -> Section | None:
+def tilts_section(analysis: Analysis) -> Section | None:
     """What tilting LiDARs did to AP and recall; None without such a pair."""
-    run = found.run
+    run = analysis.run
     pairs = [pair for pair in tilt_pairs(run.placements) if not run.results.empty]
-    differences = _differences(run, found.groups, found.means, pairs)
+    differences = _differences(run, analysis.groups, analysis.means, pairs)
     if differences.empty:
         return None
     note = (
@@ -126,7 +128,7 @@ def _differences(
     rows = []
     names = (*run.classes, "all")
     for name, metric, group in product(names, RANKING, found):
-        own = judged(group.of(means), run.results, name, metric)
+        own = at_headline_iou(group.of(means), run.results, name, metric)
         own = own[own["seeds"] > 0].set_index("placement")
         for pair in pairs:
             if {pair.upright, pair.tilted} <= {*own.index}:

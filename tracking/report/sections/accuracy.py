@@ -20,9 +20,9 @@ _STYLES = {
 FIRST = "s_mig"  # surrogate that is shown before another is chosen
 
 
-def accuracy_section(found: Analysis) -> Section:
+def accuracy_section(analysis: Analysis) -> Section:
     """Errors and ranks of every cheaper way to compute a surrogate, against its seconds."""
-    run = found.run
+    run = analysis.run
     title = "Surrogates: error against run time"
     if run.accuracy is None or run.accuracy.empty:
         return Section(title, ["The run folder has no accuracy.parquet."])

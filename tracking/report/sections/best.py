@@ -9,7 +9,7 @@ from tracking.figures.kit.side_by_side import side_by_side
 from tracking.figures.kit.style import text
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.summary import for_comparison
-from tracking.kitti_iou import judged
+from tracking.kitti_iou import at_headline_iou
 from tracking.labels import DASH, percent, plus_minus, span
 from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
@@ -20,37 +20,37 @@ _Ranked = tuple[Recommendation, str, BestPlacement]
 MOST_DRAWN = 20
 
 
-def best_section(found: Analysis) -> Section | None:
+def best_section(analysis: Analysis) -> Section | None:
     """A figure and a table of what decides in the first group; None without results."""
-    return _section("Which placement is best?", found, _ranked(found)[:1])
+    return _section("Which placement is best?", analysis, _ranked(analysis)[:1])
 
 
-def by_class_section(found: Analysis) -> Section | None:
+def by_class_section(analysis: Analysis) -> Section | None:
     """The same of the other classes and groups."""
     title = "Which placement is best for each class and setting?"
-    return _section(title, found, _ranked(found)[1:])
+    return _section(title, analysis, _ranked(analysis)[1:])
 
 
-def _ranked(found: Analysis) -> list[_Ranked]:
+def _ranked(analysis: Analysis) -> list[_Ranked]:
     """All groups and classes, of each group the class that decides first."""
     return [
-        (own, name, own.ranked[name])
-        for own in found.recommended
-        for name in dict.fromkeys((own.by, *own.ranked))
+        (own, name, own.ranking[name])
+        for own in analysis.recommended
+        for name in dict.fromkeys((own.by, *own.ranking))
     ]
 
 
-def _section(title: str, found: Analysis, ranked: Sequence[_Ranked]) -> Section | None:
+def _section(title: str, analysis: Analysis, ranked: Sequence[_Ranked]) -> Section | None:
     if not ranked:
         return None
-    run = found.run
-    section = Section(title, [*_notes(found, ranked), *_seed_effects(ranked)])
+    run = analysis.run
+    section = Section(title, [*_notes(ranked), *_seed_effects(ranked)])
     for recommended, name, best in ranked:
         group, label = recommended.group, headline_label(run.results, name)
-        own = judged(group.of(found.means), run.results, name).set_index("placement")
+        own = at_headline_iou(group.of(analysis.means), run.results, name).set_index("placement")
         table, title = own.loc[best.sure.index], group.label(class_label(name))
         sure = best.sure.head(MOST_DRAWN)
-        weak = recommended.verdicts[name].weaknesses
+        weak = recommended.statements[name].weaknesses
         odds = [] if weak or sure.isna().any() else sure.map(percent).tolist()
         heading, axis = text(title[0].upper() + title[1:]), f"{label} (%)"
         compared = {label: for_comparison(table)}
@@ -60,7 +60,7 @@ def _section(title: str, found: Analysis, ranked: Sequence[_Ranked]) -> Section 
     return section
 
 
-def _notes(found: Analysis, ranked: Sequence[_Ranked]) -> Iterator[str]:
+def _notes(ranked: Sequence[_Ranked]) -> Iterator[str]:
     """What the intervals include."""
     more = max(len(best.sure) for *_, best in ranked) - MOST_DRAWN
     drawn = f" The best {MOST_DRAWN} are drawn." if more > 0 else ""

@@ -10,7 +10,7 @@ from lidarplace.base.metrics import METRICS
 from tracking.findings.groups import has_detectors
 from tracking.findings.paired import group_columns
 from tracking.findings.surrogate_accuracy import rank_agreement
-from tracking.kitti_iou import judged, judged_by_all
+from tracking.kitti_iou import at_headline_iou, at_headline_ious
 from tracking.labels import digits, signed
 from tracking.pages.section import Column, Section, Table, numbers, of_group
 from tracking.report.analysis import Analysis
@@ -26,12 +26,12 @@ def _ceiling(row: Mapping[Any, Any]) -> str:
 CEILING = Column("ceiling", _ceiling)
 
 
-def ceilings_table(found: Analysis) -> list[Table]:
+def ceilings_table(analysis: Analysis) -> list[Table]:
     """A row for every headline metric; [] where there is none."""
-    run, ceilings = found.run, found.ceilings
+    run, ceilings = analysis.run, analysis.ceilings
     if ceilings.empty:
         return []
-    shown = [judged(ceilings, run.results, name) for name in (*run.classes, "all")]
+    shown = [at_headline_iou(ceilings, run.results, name) for name in (*run.classes, "all")]
 
     def halves(row: Mapping[Any, Any]) -> str:
         shown = digits(row["agreement_of_halves"], ".2f")
@@ -62,9 +62,9 @@ _NOTE = (
 )
 
 
-def reliability_section(found: Analysis) -> Section | None:
+def reliability_section(analysis: Analysis) -> Section | None:
     """A row for every metric of a class; None where no halves of the routes can be compared."""
-    run = found.run
+    run = analysis.run
     if run.left_out is None or run.left_out.empty or not has_detectors(run):
         return None
     rated = agreement_of_halves(run.left_out, run.axes)
@@ -75,7 +75,7 @@ def reliability_section(found: Analysis) -> Section | None:
     ordered = rated.sort_values("metric", key=lambda of: of.map(place), kind="stable")
     ordered = ordered.sort_values(["detector", *run.axes], kind="stable")
     names = (*run.classes, "all")
-    shown = pd.concat([judged_by_all(ordered, run.results, name) for name in names])
+    shown = pd.concat([at_headline_ious(ordered, run.results, name) for name in names])
     columns = [
         *of_group(run.axes),
         numbers("placements", "n", ",.0f"),

@@ -21,13 +21,13 @@ POINTS = 8000  # points kept of a placement's cloud, drawn at random
 _DASHES = {"Car": "solid", "Cyclist": "dash", "Pedestrian": "dot"}
 
 
-def clouds_section(found: Analysis) -> Section | None:
+def clouds_section(analysis: Analysis) -> Section | None:
     """A view of one frame with a menu; None for a sweep without detectors: it has no clouds."""
-    run = found.run
+    run = analysis.run
     if not has_detectors(run):
         return None
     section = Section("One frame, as each placement sees it", columns=2)
-    shown = [name for name in found.order if run.frame is not None and name in run.frame.points]
+    shown = [name for name in analysis.order if run.frame is not None and name in run.frame.points]
     if run.frame is None or not shown:
         section.notes.append("The run folder has no frame.npz.")
         return section

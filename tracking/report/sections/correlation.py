@@ -10,9 +10,9 @@ import plotly.graph_objects as go
 from tracking import labels
 from tracking.figures.kit.named_points import add_placements, label_places
 from tracking.figures.kit.style import add_menu, broken, figure, text
-from tracking.findings.paired import group_columns, with_sums
+from tracking.findings.paired import group_columns
 from tracking.findings.summary import surrogates_of
-from tracking.kitti_iou import judged
+from tracking.kitti_iou import at_headline_iou
 from tracking.pages.section import METRIC, SURROGATE, Table, coefficient, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
@@ -21,17 +21,17 @@ from tracking.report.sections.ceiling import CEILING
 MOST_COEFFICIENTS = 300  # rows of the table of all coefficients that the page shows
 
 
-def scatters(found: Analysis) -> Iterator[go.Figure]:
+def scatters(analysis: Analysis) -> Iterator[go.Figure]:
     """A point a placement, for every group and class."""
-    run = found.run
+    run = analysis.run
     keys = [*group_columns(run.axes), "surrogate"]
-    left_out = found.errors[[*keys, "spearman_min", "spearman_max"]]
-    tested = found.correlations.merge(left_out, on=keys, how="left")
-    summed = with_sums(found.surrogates, run.axes)
-    for group in found.groups:
+    left_out = analysis.errors[[*keys, "spearman_min", "spearman_max"]]
+    tested = analysis.correlations.merge(left_out, on=keys, how="left")
+    summed = analysis.summed_surrogates
+    for group in analysis.groups:
         for name in (*run.classes, "all"):
-            parts = (group.of(found.means), group.of(tested))
-            own, tests = (judged(part, run.results, name) for part in parts)
+            parts = (group.of(analysis.means), group.of(tested))
+            own, tests = (at_headline_iou(part, run.results, name) for part in parts)
             if (tests["n"] > 0).any():
                 title = text(group.label(class_label(name)))
                 predictors = surrogates_of(summed, group.place, name)

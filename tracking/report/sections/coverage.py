@@ -19,10 +19,10 @@ _CELLS = 80  # cells along the longer side of a map; a page holds two for every 
 _MARK = "#D55E00"
 
 
-def rigs_section(found: Analysis) -> Section:
+def rigs_section(analysis: Analysis) -> Section:
     """An interactive picture of the rigs, and where the objects are that they should see."""
-    run = found.run
-    shown = [name for name in found.order if run.placements.get(name)][:MOST_MAPS]
+    run = analysis.run
+    shown = [name for name in analysis.order if run.placements.get(name)][:MOST_MAPS]
     if not shown:
         unknown = "Where the LiDARs are is not known: evaluate --geometry names it."
         return Section("Rigs and traffic", [unknown], columns=2)
@@ -39,9 +39,9 @@ def rigs_section(found: Analysis) -> Section:
     return section
 
 
-def coverage_section(found: Analysis) -> Section:
+def coverage_section(analysis: Analysis) -> Section:
     """Two maps of every placement, the best first."""
-    run = found.run
+    run = analysis.run
     title = "Coverage and residual entropy"
     if run.maps is None or not run.maps.residual:
         return Section(title, ["The run folder has no maps of residual entropy."])
@@ -52,7 +52,7 @@ def coverage_section(found: Analysis) -> Section:
         "occlusion: a covered voxel may still be hidden behind an object."
     )
     section = Section(title, [note, *_setting(run)], columns=2)
-    shown = [name for name in found.order if name in run.maps.residual][:MOST_MAPS]
+    shown = [name for name in analysis.order if name in run.maps.residual][:MOST_MAPS]
     for name in shown:
         label, residual = text(name), run.maps.residual[name] / np.float32(run.roi.resolution**2)
         share = 100 * run.maps.coverage[name]

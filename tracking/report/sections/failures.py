@@ -20,11 +20,11 @@ TITLE = "What one rig finds and another one misses"
 _FEW = 100  # objects in a bin, below which it is not named
 
 
-def failures_section(found: Analysis) -> Section | None:
+def failures_section(analysis: Analysis) -> Section | None:
     """`counted_failures` of the best rig and the next one; None for a sweep without detectors."""
-    run = found.run
-    if found.pair is not None:
-        return counted_failures(found.pair)
+    run = analysis.run
+    if analysis.pair is not None:
+        return counted_failures(analysis.pair)
     if not has_detectors(run) or (run.objects is not None and run.found is not None):
         return None
     missing = [f"{name}.parquet" for name in ("objects", "found") if getattr(run, name) is None]

@@ -32,12 +32,12 @@ _NOTE = (
 )
 
 
-def generalist_section(found: Analysis) -> Section | None:
+def generalist_section(analysis: Analysis) -> Section | None:
     """None unless the same placements were judged by a generalist and by detectors of their own."""
-    run = found.run
-    if not found.surrogates["surrogate"].isin(JUDGEMENTS).any():
+    run = analysis.run
+    if not analysis.surrogates["surrogate"].isin(JUDGEMENTS).any():
         return None
-    rows = compare(run, found.means, found.correlations)
+    rows = compare(run, analysis.means, analysis.correlations)
     if rows.empty:
         return None
     section = Section("Does one detector for all rigs rank them as their own do?", [_NOTE])

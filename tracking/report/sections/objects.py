@@ -11,16 +11,16 @@ from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
 from tracking.findings.groups import Group, by_setting, has_detectors
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.findings.summary import seed_means
-from tracking.kitti_iou import judged
+from tracking.kitti_iou import at_headline_iou
 from tracking.labels import DASH, metric_label, plus_minus
 from tracking.pages.section import Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 
 
-def individuals_section(found: Analysis) -> Section | None:
+def individuals_section(analysis: Analysis) -> Section | None:
     """How many individuals were met; None for a sweep without detectors."""
-    run = found.run
+    run = analysis.run
     if not has_detectors(run):
         return None
     title = "Objects: boxes and individuals"
@@ -73,7 +73,7 @@ def means_by_bin(
     `keys` are the columns of `table` that distinguish bins."""
     for group in found:
         for name in run.classes:
-            own = judged(group.of(table), run.results, name, metric)
+            own = at_headline_iou(group.of(table), run.results, name, metric)
             if own.empty:
                 continue
             means = seed_means(own.assign(difficulty="all"), [*run.axes, *keys])
@@ -109,9 +109,9 @@ def _metric_table(own: pd.DataFrame, bins: Bins, what: str, by: str, label: str)
     return _by_bin(own, bins, ("mean", "sd"), plus_minus, best=best, **of)
 
 
-def by_sector_section(found: Analysis) -> Section | None:
+def by_sector_section(analysis: Analysis) -> Section | None:
     """Recall by sector around the vehicle; None where it was not measured."""
-    run = found.run
+    run = analysis.run
     if run.sector is None or run.sector.empty:
         return None
     note = (
@@ -119,7 +119,7 @@ def by_sector_section(found: Analysis) -> Section | None:
         "centre. Recall: means over seeds ± standard deviation."
     )
     section = Section("Objects by their direction", [note])
-    for label, rows in means_by_bin(run, found.groups, run.sector, SECTOR, _METRIC):
+    for label, rows in means_by_bin(run, analysis.groups, run.sector, SECTOR, _METRIC):
         section.tables.append(_metric_table(*in_sectors(rows), "Recall", "by direction", label))
     return section
 
@@ -131,9 +131,9 @@ def in_sectors(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
     return named, Bins("direction of the object", tuple(from_the_left))
 
 
-def by_distance_section(found: Analysis) -> Section | None:
+def by_distance_section(analysis: Analysis) -> Section | None:
     """Points per object, then AP, by distance; None for a sweep without detectors."""
-    run = found.run
+    run = analysis.run
     if not has_detectors(run):
         return None
     section = Section("Objects by their distance")
@@ -150,7 +150,7 @@ def by_distance_section(found: Analysis) -> Section | None:
             label = f"{name} · {title}" if title else str(name)
             own, rings = in_rings(rows)
             section.tables.append(_points_table(own, rings, label))
-    for label, rows in means_by_bin(run, found.groups, run.distance, RING, HEADLINE_METRIC):
+    for label, rows in means_by_bin(run, analysis.groups, run.distance, RING, HEADLINE_METRIC):
         section.tables.append(_metric_table(*in_rings(rows), "AP", "by distance", label))
     return section
 

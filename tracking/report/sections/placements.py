@@ -8,7 +8,7 @@ import pandas as pd
 
 from lidarplace.base.metrics import headline_metric
 from tracking import labels
-from tracking.findings.groups import Group, has_detectors, met, verdicts
+from tracking.findings.groups import Group, has_detectors, met, worst_requirements
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import by_surrogate, deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou
@@ -18,9 +18,9 @@ from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
 
-def placements_section(found: Analysis) -> Section:
+def placements_section(analysis: Analysis) -> Section:
     """A table for every group and class, and the trials that failed."""
-    run = found.run
+    run = analysis.run
     decides = labels.surrogate_name(deciding_surrogate(run.surrogates))
     with_results = (
         "Mean ± standard deviation over seeds, best AP first; the highest of a column is bold."
@@ -31,10 +31,10 @@ def placements_section(found: Analysis) -> Section:
         "against those of covered entropy: only a detector shows which sign is better."
     )
     section = Section("Placements", [alone if run.results.empty else with_results])
-    for group in found.groups:
+    for group in analysis.groups:
         # Of one class the table has the recall of all objects, too.
         for name in run.classes if len(run.classes) == 1 else (*run.classes, "all"):
-            table = _placement_table(run, group, found.means, name)
+            table = _placement_table(run, group, analysis.means, name)
             if table is not None:
                 section.tables.append(table.first(MOST_ROWS))
     failed = run.trials[run.trials["status"] == "failed"]
@@ -65,7 +65,7 @@ def _placement_table(
     columns = [words("placement")]
     highest: dict[int, str] = {}
     order = ""
-    required = met(verdicts(run, group.setting)).reindex(table.index)
+    required = met(worst_requirements(run, group.setting)).reindex(table.index)
     if required.notna().any():
         table["requirements met"] = required
         counted = required.fillna(labels.DASH)
@@ -118,15 +118,15 @@ def _with_rank(label: str, table: pd.DataFrame) -> Column:
     return Column(label, cell)
 
 
-def agreement_section(found: Analysis) -> Section | None:
+def agreement_section(analysis: Analysis) -> Section | None:
     """Rank agreement of the surrogates; None for a sweep that trained a detector."""
-    run = found.run
+    run = analysis.run
     if has_detectors(run):
         return None
     section = Section("Do the surrogates agree?", ["Spearman's ρ, over all placements."])
     sums = with_sums(run.surrogates, run.axes)
     names = (*run.classes, "all") if len(run.classes) > 1 else run.classes
-    for group in found.groups:
+    for group in analysis.groups:
         for name in names:
             title = group.label("Sum of the classes" if name == "all" else name)
             section.tables += _surrogate_agreement(surrogates_of(sums, group.setting, name), title)

@@ -36,16 +36,16 @@ _HOW_TO_READ = (
 )
 
 
-def predictors_section(found: Analysis) -> Section | None:
+def predictors_section(analysis: Analysis) -> Section | None:
     """Findings, a figure for every group and class, tables; None for a sweep without detectors."""
-    run, correlations = found.run, found.correlations
+    run, correlations = analysis.run, analysis.correlations
     if not has_detectors(run):
         return None
     section = Section("Can a surrogate be trusted?")
-    if not found.predicted:
+    if not analysis.predictors:
         section.notes.append("Fewer than 3 placements with a metric: no coefficient.")
         return section
-    own = [one for one in found.predicted if _is_headline(run, one)]
+    own = [one for one in analysis.predictors if _is_headline(run, one)]
     said = [" · ".join(filter(None, (_group_label(run, one.group), one.sentence))) for one in own]
     section.notes += said[:MOST_SENTENCES]
     if len(said) > MOST_SENTENCES:
@@ -61,11 +61,11 @@ def predictors_section(found: Analysis) -> Section | None:
             "Only placements that were promoted were trained in full. A surrogate that chose them "
             "varies less among them than among all: its coefficient here is not that over all."
         )
-    section.figures = list(scatters(found))
+    section.figures = list(scatters(analysis))
     section.tables = [
-        _ranking_table(found),
-        *regret_table(found),
-        *ceilings_table(found),
+        _ranking_table(analysis),
+        *regret_table(analysis),
+        *ceilings_table(analysis),
         _power_table(correlations),
         correlation_table(correlations, run.axes).first(MOST_COEFFICIENTS),
     ]
@@ -127,11 +127,11 @@ def _power_table(correlations: pd.DataFrame) -> Table:
     return Table.of(caption, table, columns, name="power")
 
 
-def _ranking_table(found: Analysis) -> Table:
-    run, predicted = found.run, found.predicted
+def _ranking_table(analysis: Analysis) -> Table:
+    run, predicted = analysis.run, analysis.predictors
     keys = [*predicted[0].group, "surrogate"]
-    ranges = found.errors[[*keys, "spearman_min", "spearman_max"]]
-    most = found.correlations[[*keys, "ceiling", "ceiling_low", "ceiling_high"]]
+    ranges = analysis.errors[[*keys, "spearman_min", "spearman_max"]]
+    most = analysis.correlations[[*keys, "ceiling", "ceiling_low", "ceiling_high"]]
     group: list[dict[str, Any]] = [one.group for one in predicted]
     rankings = [one.ranking.rename_axis("surrogate").reset_index() for one in predicted]
     table = pd.concat([own.assign(**of) for own, of in zip(rankings, group, strict=True)])

@@ -21,9 +21,9 @@ _HOW_TO_READ = (
 )
 
 
-def promotion_section(found: Analysis) -> Section | None:
+def promotion_section(analysis: Analysis) -> Section | None:
     """What it saved and risked, and two tables, for every group; None without promotion."""
-    run, promotions = found.whole, found.run.promotions
+    run, promotions = analysis.whole, analysis.run.promotions
     if promotions is None or promotions.empty:
         return None
     section = Section("Promotion", [_HOW_TO_READ])

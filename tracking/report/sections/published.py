@@ -29,10 +29,10 @@ _HOW_TO_READ = (
 DIGITS = 6  # of metres and radians by which mounts are compared: a micrometre, a microradian
 
 
-def published_section(found: Analysis) -> Section | None:
+def published_section(analysis: Analysis) -> Section | None:
     """Published AP and recall against surrogates, and against own AP and recall. None if the sweep
     has fewer than two of the placements that the paper published."""
-    run = found.run
+    run = analysis.run
     published = _of_run(run)
     if published["placement"].nunique() < 2:
         return None
@@ -41,7 +41,7 @@ def published_section(found: Analysis) -> Section | None:
     for title, part in by_setting(run.surrogates, run.axes):
         correlations = correlate(published, part)
         tests.append(correlations[correlations["n"] > 0].assign(setting=title))
-    pairs = _beside_own(published, found.means, run)
+    pairs = _beside_own(published, analysis.means, run)
     if len(pairs):
         section.notes.append(
             "Own results are next to those of the same network; the paper's training data, "

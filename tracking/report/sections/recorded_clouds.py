@@ -5,7 +5,7 @@ import pandas as pd
 
 from tracking.findings.correlation import correlate
 from tracking.findings.generalist import calibration
-from tracking.kitti_iou import judged
+from tracking.kitti_iou import at_headline_iou
 from tracking.labels import setting_label
 from tracking.pages import section
 from tracking.report.analysis import Analysis
@@ -19,9 +19,9 @@ _NOTE = (
 )
 
 
-def recorded_clouds_section(found: Analysis) -> section.Section | None:
+def recorded_clouds_section(analysis: Analysis) -> section.Section | None:
     """None unless placements have results on recorded clouds and on simulated ones."""
-    run = found.run
+    run = analysis.run
     pairs = side_by_side(run)
     if pairs.empty:
         return None
@@ -110,4 +110,4 @@ def _headline(run: RunFolder) -> pd.DataFrame:
     if CLOUDS not in run.axes:
         return run.results.iloc[:0]
     names = (*run.classes, "all")
-    return pd.concat([judged(run.results, run.results, name) for name in names])
+    return pd.concat([at_headline_iou(run.results, run.results, name) for name in names])

@@ -7,7 +7,6 @@ from lidarplace.base.metrics import headline_metric
 from lidarplace.pog.surrogates.table import DECIDING, HEADLINE_SURROGATES, SURROGATES
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.generalist import JUDGEMENTS
-from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import some
@@ -18,9 +17,9 @@ from tracking.statistics.posterior import expected_regret
 MOST_CHOICES = 100  # rows that the page shows
 
 
-def regret_table(found: Analysis) -> list[Table]:
+def regret_table(analysis: Analysis) -> list[Table]:
     """What is lost, of all groups and classes; [] where there is no choice or no surrogate."""
-    table = regrets_of_all(found)
+    table = regrets_of_all(analysis)
     if table.empty:
         return []
     columns = [
@@ -38,13 +37,14 @@ def regret_table(found: Analysis) -> list[Table]:
     return [Table.of(caption, table, columns, units, name="regret").first(MOST_CHOICES)]
 
 
-def regrets_of_all(found: Analysis) -> pd.DataFrame:
+def regrets_of_all(analysis: Analysis) -> pd.DataFrame:
     """`regrets` of every group and class, with class, group, its place, metric and IoU, unless no
     placement is better than another."""
-    run, parts = found.run, []
-    summed = with_sums(found.surrogates, run.axes)
-    for group, ranked in found.rankings:
-        for name, best in ranked.items():
+    run, parts = analysis.run, []
+    summed = analysis.summed_surrogates
+    for ranked in analysis.rankings:
+        group = ranked.group
+        for name, best in ranked.ranking.items():
             own = surrogates_of(summed, group.place, name)
             # With a first choice of their own, which covered entropy has: the opposite of S-MIG's.
             choose = dict.fromkeys((*JUDGEMENTS, *DECIDING, *HEADLINE_SURROGATES))

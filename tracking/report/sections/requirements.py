@@ -3,16 +3,16 @@
 from collections.abc import Mapping, Sequence
 
 from lidarplace.requirements.tables import worst_cases
-from tracking.findings.groups import pictured, verdicts
+from tracking.findings.groups import pictured, worst_requirements
 from tracking.pages.requirements import ALONE, counted, draw_failures, in_short, verdict_table
 from tracking.pages.section import MOST_ROWS, Section, Table
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 
 
-def requirements_section(found: Analysis) -> Section | None:
+def requirements_section(analysis: Analysis) -> Section | None:
     """Every rig and requirement, and pictures of what fails; None if nothing was required."""
-    run, cases = found.run, found.run.requirements
+    run, cases = analysis.run, analysis.run.requirements
     if cases is None or cases.empty:
         return None
     rig = ["placement", *(axis for axis in run.axes if axis in cases.columns)]
@@ -20,7 +20,7 @@ def requirements_section(found: Analysis) -> Section | None:
     table = verdict_table(worst, rig, name="requirements", data=cases)
     section = Section("Requirements", [counted(worst), ALONE], folded=True)
     section.tables = [table.first(MOST_ROWS)]
-    _draw(section, run, found.order)
+    _draw(section, run, analysis.order)
     return section
 
 
@@ -29,7 +29,7 @@ def rigs_requirements_section(
 ) -> Section | None:
     """A table of rigs in rows and requirements in columns, and where the first one fails. None if
     nothing was required. `setting` is of the axes."""
-    found = verdicts(run, setting)
+    found = worst_requirements(run, setting)
     found = found[found["placement"].isin(rigs)]
     if found.empty:
         return None
@@ -51,7 +51,7 @@ def rigs_requirements_section(
 
 def _draw(section: Section, run: RunFolder, order: Sequence[str]) -> None:
     """What placements fail, in their order, at the setting that is pictured."""
-    found = verdicts(run, run.sweep.pictured)
+    found = worst_requirements(run, run.sweep.pictured)
     draw_failures(section, found, "placement", order, run.placements, run.grounds)
     if section.figures and pictured(run):
         section.notes.append(f"Pictures are {pictured(run)}.")

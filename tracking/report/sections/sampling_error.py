@@ -14,9 +14,9 @@ from tracking.report.analysis import Analysis
 MOST_INTERVALS = 20  # placements whose sampling errors are shown: every pair of them is compared
 
 
-def sampling_error_section(found: Analysis) -> Section:
+def sampling_error_section(analysis: Analysis) -> Section:
     """How much the surrogates would change with other frames."""
-    run = found.run
+    run = analysis.run
     section = Section("Surrogates: sampling error of the POG")
     tables = {"sampling_error": run.sampling_error, "pog_resamples": run.pog_resamples}
     missing = [name for name, table in tables.items() if table is None or table.empty]
@@ -33,7 +33,7 @@ def sampling_error_section(found: Analysis) -> Section:
     )
     section.notes += studied(run, run.sampling_error)
     known = set(run.sampling_error["placement"])
-    shown = [name for name in found.order if name in known][:MOST_INTERVALS]
+    shown = [name for name in analysis.order if name in known][:MOST_INTERVALS]
     if len(shown) < len(known):
         section.notes.append(
             f"The best {len(shown)} of {len(known):,} placements; sampling_error.parquet has all."

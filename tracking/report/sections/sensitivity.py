@@ -8,7 +8,7 @@ import pandas as pd
 from scipy import stats
 
 from lidarplace.base.metrics import headline_metric
-from tracking.kitti_iou import judged_by_all
+from tracking.kitti_iou import at_headline_ious
 from tracking.labels import detector_label, metric_label
 from tracking.pages.section import METRIC, Column, Section, Table, numbers, words
 from tracking.report.analysis import Analysis
@@ -16,9 +16,9 @@ from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
 
-def sensitivity_section(found: Analysis) -> Section | None:
+def sensitivity_section(analysis: Analysis) -> Section | None:
     """The spread over placements of each metric; None for fewer than two with results."""
-    run, means = found.run, found.means
+    run, means = analysis.run, analysis.means
     if run.results.empty or run.results["placement"].nunique() < 2:
         return None
     note = (
@@ -29,7 +29,7 @@ def sensitivity_section(found: Analysis) -> Section | None:
     section = Section("Does the placement matter?", [note])
     spreads = sensitivity(means, run.axes)
     for name in (*run.classes, "all"):
-        own = judged_by_all(spreads, run.results, name)
+        own = at_headline_ious(spreads, run.results, name)
         section.notes += _most_sensitive(name, own, run.axes)
     section.tables.append(_sensitivity_table(spreads, run))
     return section

@@ -18,9 +18,9 @@ from tracking.pages.section import Column, Section, Table, numbers, slug
 from tracking.report.analysis import Analysis
 
 
-def training_cost_section(found: Analysis) -> Section | None:
+def training_cost_section(analysis: Analysis) -> Section | None:
     """AP of shorter trainings and the ranks they give; None if all are as long."""
-    run = found.whole
+    run = analysis.whole
     if not varied_cost_axes(run.results):
         return None
     section = Section("Training: error against run time", columns=2)

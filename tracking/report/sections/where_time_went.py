@@ -7,9 +7,9 @@ from tracking.pages.section import Section, Table, numbers, words
 from tracking.report.analysis import Analysis
 
 
-def where_time_went(found: Analysis) -> Section:
+def where_time_went(analysis: Analysis) -> Section:
     """Task seconds of every stage, and how well the cores were kept at work."""
-    run = found.run
+    run = analysis.run
     section = Section("Where the time went")
     if run.tasks is None or run.tasks.empty:
         section.notes.append("The run folder has no tasks.parquet.")
