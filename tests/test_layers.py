@@ -79,7 +79,7 @@ FLOORS = {
     ),
     "sweeps": (
         "configuration",
-        "tasks",
+        "stages",
         "options plan store",
         "execution",
         "calibration results",

@@ -1,10 +1,10 @@
 """Versions of code: what compiled kernels and stored results are named after, so none is stale.
 
 The version of a module is a hash of its syntax tree and of those of all modules of this project and
-of plug-ins that it imports, directly or through others, also within functions. Comments, docstrings,
-annotations of functions and descriptions of pydantic's fields do not count. A name that a package
-passes on from one of its modules leads to that module alone. Versions of other packages do not
-count.
+of plug-ins that it imports, directly or through others, also within functions. Comments,
+docstrings, annotations of functions and descriptions of pydantic's fields do not count. A name that
+a package passes on from one of its modules leads to that module alone. Versions of other packages
+do not count.
 """
 
 import ast
@@ -113,8 +113,9 @@ class Sources:
 class _Source:
     """What a source file says.
 
-    `digest`: hash of its syntax tree. `passed_on`: names that it imports at its top level. `prefixes`:
-    packages, each with a dot at its end, of which it imports modules by names put together.
+    `digest`: hash of its syntax tree. `passed_on`: names that it imports at its top level.
+    `prefixes`: packages, each with a dot at its end, of which it imports modules by names that are
+    put together at run time.
     """
 
     digest: str
@@ -168,10 +169,10 @@ class _Reader:
                     self._follow_import(called, node)
             case ast.AnnAssign() if in_class:  # dataclasses and pydantic read them
                 annotation = self.text(node.annotation)
-            case ast.AnnAssign(value=None):
-                return ""
+            case ast.AnnAssign(value=ast.expr() as value):
+                return self.text(ast.Assign([node.target], value))
             case ast.AnnAssign():
-                node = ast.Assign([node.target], node.value)
+                return ""
             case ast.AST():
                 pass
             case _:

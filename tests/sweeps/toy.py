@@ -78,7 +78,7 @@ def result(**fields):
 
 def keep_in(patch, stage, kind):
     """A store reads results of the stage as those of a class."""
-    patch.setattr(stage, "result", lambda: kind)
+    patch.setattr(stage, "result", classmethod(lambda cls: kind))
 
 
 def flip_bit(path, place):
