@@ -169,8 +169,8 @@ class _Reader:
                     self._follow_import(called, node)
             case ast.AnnAssign() if in_class:  # dataclasses and pydantic read them
                 annotation = self.text(node.annotation)
-            case ast.AnnAssign(value=ast.expr() as value):
-                return self.text(ast.Assign([node.target], value))
+            case ast.AnnAssign(value=ast.expr() as assigned):
+                return self.text(ast.Assign([node.target], assigned))
             case ast.AnnAssign():
                 return ""
             case ast.AST():

@@ -20,7 +20,7 @@ from typing import Any
 
 from lidarplace.base.code_version import PACKAGES, place_of
 from lidarplace.base.errors import InputError, at
-from lidarplace.base.foreign_code import PLUGINS
+from lidarplace.base.plugin_folders import PLUGINS
 from lidarplace.command_line.signals import Terminated, signals_held, stopped_by_signals
 from sweeps.configuration.sweep import RaySettings
 

@@ -127,8 +127,8 @@ def _check_unchanged(point: Point) -> None:
     lidar = point.lidar
     if lidar.tilt_in_degrees or lidar.misaligned_heights:
         raise InputError("recorded clouds have no quirks", key="lidar", fix="remove them")
-    if point.mounting_errors.errors() or point.judge in ("generalist", "finetuned"):
-        fix = "remove judge and mounting_errors"
+    if point.mounting_errors.errors() or point.evaluator in ("generalist", "finetuned"):
+        fix = "remove evaluator and mounting_errors"
         raise InputError("recorded clouds belong to one rig", key="scene.clouds", fix=fix)
     problem = "does not apply to recorded clouds"
     if point.weather != WeatherSettings():

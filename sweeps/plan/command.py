@@ -5,7 +5,7 @@ import shlex
 
 from lidarplace.base.errors import InputError
 from lidarplace.files.secret_urls import secret_argument
-from sweeps.configuration.command import CommandJudge
+from sweeps.configuration.evaluator import EvaluatorCommand
 from sweeps.plan import named_files
 from sweeps.plan.clouds import TrialClouds
 from sweeps.plan.trial import DetectorTrial, Trial
@@ -19,12 +19,12 @@ def plan_command(
 ) -> DetectorTrial:
     """Evaluate by the detections of a command, which needs no typical objects."""
     planning, point = clouds.planning, trial.grid_point.point
-    command, common = point.judge, planning.sweep.common
-    assert isinstance(command, CommandJudge)
+    command, common = point.evaluator, planning.sweep.common
+    assert isinstance(command, EvaluatorCommand)
     if not command.folder.is_dir():
-        raise InputError("no such folder", key="judge.folder", found=command.folder)
+        raise InputError("no such folder", key="evaluator.folder", found=command.folder)
     if (name := secret_argument(shlex.split(command.command))) is not None:
-        text = f"judge.command: {name} looks like a secret, which config.yaml and MLflow "
+        text = f"evaluator.command: {name} looks like a secret, which config.yaml and MLflow "
         planning.caution(f"{text}show; pass it by the environment.")
     file = re.sub(r"[^\w.=-]+", "-", trial.label)[:200]
     stage = CommandStage(

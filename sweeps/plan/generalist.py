@@ -33,7 +33,7 @@ def _pretrain(clouds: TrialClouds, training: FinetuneStage) -> Task[PretrainStag
     planning, point = clouds.planning, clouds.grid_point.point
     if point.lidar.misaligned_heights:
         problem = "lidar.misaligned_heights crops the clouds of each rig differently"
-        raise InputError(problem, key="judge", expected="specialist", found=point.judge)
+        raise InputError(problem, key="evaluator", expected="specialist", found=point.evaluator)
     settings = point.generalist
     rigs = training_rigs(planning, point)
     every = -(-len(rigs) // min(settings.rigs_per_frame, len(rigs)))

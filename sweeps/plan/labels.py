@@ -30,7 +30,7 @@ def _is_inside(key_path: str, other: str) -> bool:
 def trial_label(point: Point, axes: Mapping[str, Any]) -> str:
     """Return the placement, detector, seed and the further axes of a point."""
     further = [f"{axis}={axes[axis]}" for axis in axes if axis not in _IDENTITY]
-    detector = point.detected_by
+    detector = point.detector_name
     detected = [detector, f"seed {point.seed}"] if detector else []
     return " · ".join([point.placement, *detected, *further])
 

@@ -4,10 +4,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from lidarplace.base.errors import InputError, at
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.scenes.kinds import Scene, scene_parts
 from lidarplace.scenes.recorded import LogScene
-from sweeps.configuration.command import CommandJudge
+from sweeps.configuration.evaluator import EvaluatorCommand
 from sweeps.configuration.file import ConfigError, reading
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.sweep import ClassSettings, Point
@@ -46,7 +47,7 @@ _EVALUATORS: dict[str, Evaluator] = {
 def read_plan(path: Path, overrides: Sequence[str] = ()) -> tuple[Sweep, Plan]:
     """Read a configuration and plan its sweep. Raises ConfigError that names the file."""
     sweep = read_sweep(path, overrides)
-    with at(path, ConfigError):
+    with at(path, ConfigError), plugin_folder(path.parent):
         return sweep, make_plan(sweep)
 
 
@@ -68,9 +69,9 @@ def make_plan(sweep: Sweep) -> Plan:
 
 
 def _same_trial(one: Trial, other: Trial) -> InputError:
-    evaluator = other.grid_point.point.judge
-    seedless = isinstance(evaluator, CommandJudge) and not evaluator.uses("seed")
-    hint = ", or name {seed} in judge.command" if seedless else ""
+    evaluator = other.grid_point.point.evaluator
+    seedless = isinstance(evaluator, EvaluatorCommand) and not evaluator.uses("seed")
+    hint = ", or name {seed} in evaluator.command" if seedless else ""
     places = [{**t.grid_point.axes, "promote": t.grid_point.rung} for t in (one, other)]
     both = ((axis, value, places[1][axis]) for axis, value in places[0].items())
     difference = ", ".join(f"{axis} ({a} and {b})" for axis, a, b in both if a != b)
@@ -107,8 +108,8 @@ def _plan_trial(planning: Planning, grid_point: GridPoint) -> Trial:
     if point.detector is None:
         return trial
     clouds = TrialClouds(planning, grid_point, parts, scenes)
-    command = isinstance(point.judge, CommandJudge)
-    evaluator = plan_command if command else _EVALUATORS[str(point.judge)]
+    command = isinstance(point.evaluator, EvaluatorCommand)
+    evaluator = plan_command if command else _EVALUATORS[str(point.evaluator)]
     return evaluator(trial, clouds, typical)
 
 

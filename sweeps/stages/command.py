@@ -18,7 +18,7 @@ from lidarplace.detections.read import read_detections
 from lidarplace.files.atomic import temporary
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.scenes.layouts import write_layout
-from sweeps.configuration.command import CommandJudge
+from sweeps.configuration.evaluator import EvaluatorCommand
 from sweeps.stages.collect import CollectedClouds, clouds_and_objects
 from sweeps.stages.evaluate import DetectedFrames
 from sweeps.stages.ground_truth import GroundTruth
@@ -66,7 +66,7 @@ class CommandStage(Stage[DetectedFrames]):
     it; None: it does not name them. `log`: file of its output.
     """
 
-    evaluator: CommandJudge
+    evaluator: EvaluatorCommand
     digests: tuple[str, ...]
     classes: tuple[str, ...]
     rig: str | None
@@ -108,7 +108,7 @@ class CommandStage(Stage[DetectedFrames]):
                 try:
                     detections = read_detections([written], log, self.classes, layout=layout)
                     compared = detections, objects[in_test], test_frames, self.log.stem
-                    accepted = self.evaluator.accept, "judge.accept: [{}]"
+                    accepted = self.evaluator.accept, "evaluator.accept: [{}]"
                     cautions = check_detections(*compared, *accepted)
                     problem = "no detections" if detections.empty else ""
                 except ValueError as error:
@@ -128,7 +128,7 @@ class CommandStage(Stage[DetectedFrames]):
             problem, text = (t.replace(str(values[name]), f"{{{name}}}") for t in (problem, text))
         lines = [_UNPRINTABLE.sub("", line).strip() for line in text.splitlines()]
         last = " | ".join(list(filter(None, lines))[-_LAST:])[-1000:]
-        return f"judge.command: {problem}; last lines: {last or 'none'}; log {self.log}"
+        return f"evaluator.command: {problem}; last lines: {last or 'none'}; log {self.log}"
 
     def _run(self, values: dict[str, object]) -> str:
         """Run the command to its end, and end all that it has started. Return what went wrong."""

@@ -153,7 +153,7 @@ def evaluate_detections(
     from training.kitti_ap import evaluation
 
     frames = routes["frame"].tolist()
-    whole = evaluation(objects, detections, frames, classes, refined, routes, ious, metrics)
+    whole = evaluation(objects, detections, routes, classes, refined, ious, metrics)
     assert whole.left_out is not None  # routes are given
     return EvaluationResult(
         metrics=whole.metrics,

@@ -8,7 +8,8 @@ import pytest
 from pydantic import BaseModel, ValidationError
 
 from lidarplace.base.code_version import code_version
-from lidarplace.base.registry import PLUGINS, OneOf, PluginError, Registry, _entry_points
+from lidarplace.base.plugin_folders import PLUGINS
+from lidarplace.base.registry import OneOf, PluginError, Registry, _entry_points
 from sweeps.execution.ray_cluster import _cluster_environment, _plug_ins, _python_path
 from sweeps.stages.evaluate import MeasureStage
 from sweeps.stages.recall import RecallStage
