@@ -72,7 +72,7 @@ def test_rows_that_trials_share_in_part_are_there_once():
     """A detector from a file has the test frames alone, one that is trained the others, too."""
     tested, trained = SimpleNamespace(key="test"), SimpleNamespace(key="train")
     rows = pd.DataFrame({"split": ["test", "train"], "object_id": [1, 2]})
-    point = SimpleNamespace(placement="line", detected_by="second", seed=0)
+    point = SimpleNamespace(placement="line", detector_name="second", seed=0)
     trial = SimpleNamespace(key="a", grid_point=SimpleNamespace(point=point, axes={}))
     found = [(trial, [tested], lambda: rows[:1]), (trial, [tested, trained], lambda: rows)]
     pd.testing.assert_frame_equal(_once(INDIVIDUALS, (), found), rows)
