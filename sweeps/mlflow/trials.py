@@ -18,8 +18,8 @@ from sweeps.results.trial_results import (
     trial_results,
     trial_seconds,
 )
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
-from sweeps.tasks.task import Task
 from tracking.mlflow.content import EndedTrial, TrialRun, requirement_metrics, trial_metrics
 
 
@@ -106,7 +106,7 @@ class TrialLog(StageProgress):
         point = trial.grid_point.point
         return {
             "placement": point.placement,
-            "detector": point.detected_by,
+            "detector": point.detector_name,
             "seed": point.seed,
             **{axis: trial.grid_point.axes[axis] for axis in self._axes},
             **{f"training.{k}": v for k, v in point.training.model_dump(mode="json").items()},
@@ -122,7 +122,7 @@ def _pictures(trial: DetectorTrial, store: Store, folder: Path) -> list[Path]:
     placement = folder / trial.collect_test[0].key / "placement.png"
     curves = folder / trial.key / "precision_recall.png"
     if not placement.exists():
-        rig = trial.surrogates.params.placement
+        rig = trial.surrogates.stage.placement
         name = trial.grid_point.point.placement
         draw_rig(placement, name, rig.mounts, rig.lidars, trial.grid_point.vehicle)
     table = store.read(trial.evaluate, lambda found: found.pr_curves)

@@ -20,8 +20,8 @@ from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Rung
 from sweeps.plan.trial import Plan, Trial, with_detector
 from sweeps.results.trial_results import Cell, cells, headline_value, trial_seconds
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
-from sweeps.tasks.task import Task
 
 _ALL = "all"
 
@@ -161,7 +161,7 @@ def _standings(
     rows: list[dict[str, Cell]] = [
         {
             "rung": number,
-            "detector": point.detected_by or "",
+            "detector": point.detector_name or "",
             **cells(axes),
             "placement": name,
             "by": rung.by,

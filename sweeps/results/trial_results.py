@@ -8,9 +8,9 @@ import pandas as pd
 
 from sweeps.execution.failures import Failure
 from sweeps.plan.trial import DetectorTrial, Trial
+from sweeps.stages.evaluate import EvaluationResult
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
-from sweeps.tasks.results import Evaluated
-from sweeps.tasks.task import Task
 from tracking.findings.groups import ONE_FOR_ALL
 from tracking.kitti_iou import at_headline_iou
 
@@ -27,7 +27,7 @@ def trial_results(
     trial: DetectorTrial,
     store: Store,
     axes: Sequence[str],
-    table: Callable[[Evaluated], pd.DataFrame] = lambda found: found.metrics,
+    table: Callable[[EvaluationResult], pd.DataFrame] = lambda found: found.metrics,
 ) -> pd.DataFrame:
     """A table of a trial's evaluation, its identity in front."""
     return with_columns(store.read(trial.evaluate, table), identity(trial, axes))
@@ -45,7 +45,7 @@ def trial_seconds(trial: Trial, store: Store) -> float:
     training counts for none of the placements that it judges."""
     tasks: tuple[Task, ...] = trial.scores
     if isinstance(trial, DetectorTrial):
-        alone = trial.grid_point.point.judge not in ONE_FOR_ALL
+        alone = trial.grid_point.point.evaluator not in ONE_FOR_ALL
         tasks = (trial.learns, trial.evaluate) if alone else (trial.evaluate,)
     return sum(store.record(task).seconds for task in tasks)
 
@@ -60,7 +60,7 @@ def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
     """Columns that distinguish a trial from others."""
     point = trial.grid_point.point
     own: dict[str, Cell] = {"trial": trial.key, "placement": point.placement}
-    own |= {"detector": point.detected_by or "", "seed": point.seed}
+    own |= {"detector": point.detector_name or "", "seed": point.seed}
     return own | axis_values(trial, axes)
 
 

@@ -23,12 +23,12 @@ from sweeps.search.cheapest.choose import _Work, cheapest, cost_of
 from sweeps.search.cheapest.polish import needed_for, polish
 from sweeps.search.cheapest.result import proof
 from sweeps.search.greedy.candidates import candidates_of
-from sweeps.search.judgement import chosen as recall_module
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, ordered
 from sweeps.search.problem.judged_sweep import judged_rigs
 from sweeps.search.problem.problem import read_problem
-from sweeps.tasks.task import with_inputs
+from sweeps.search.verification import chosen as recall_module
+from sweeps.stages.task import with_inputs
 
 MODELS = yaml.safe_load("""
 wide: {beams: 8, azimuth_steps: 300, price: 4, power: 9, size_mm: [500, 500, 400]}
@@ -281,7 +281,7 @@ def test_the_generalist_of_the_package_is_asked_on_the_traffic_of_the_choice(mon
     line = {"x": problem.paper_rigs()["line"]}
     (tests,) = judged_rigs(problem, {}, line, problem.tests.search)["x"]
     searched = {task.key for task in with_inputs(trial.evaluate for trial in tests)}
-    scenes = {task.key for task in ran if task.stage == "scene"}
+    scenes = {task.key for task in ran if task.stage.name == "scene"}
     assert scenes
     assert not scenes & searched, "what chooses sees other traffic than a search"
     high = Choice("lidar", "", Mount(0.0, 0.0, 9.0))

@@ -10,8 +10,8 @@ from lidarplace.requirements.tables import worst_cases
 from tracking.labels import detector_label, setting_label
 from tracking.run_folders.sweep import RunFolder
 
-JUDGE = "judge"  # the axis over who judges placements
-ONE_FOR_ALL = ("generalist", "pretrained")  # the judges that are one detector for all placements
+EVALUATOR = "evaluator"  # the axis over what evaluates placements
+ONE_FOR_ALL = ("generalist", "pretrained")  # evaluators that are one detector for all placements
 MOST_NAMES = 24  # of placements in one sentence
 
 
@@ -20,13 +20,13 @@ class Group:
     """One detector, "" for surrogates alone, at one setting of the further axes, by key path.
 
     Attributes:
-        judge: which detector evaluates its placements, see `judge` of the configuration.
+        evaluator: what evaluates its placements, see `evaluator` of the configuration.
         varies: whether the sweep has other groups, so that a title must name this one.
     """
 
     detector: str
     setting: dict[str, Any]
-    judge: str
+    evaluator: str
     varies: bool
 
     @property
@@ -96,7 +96,9 @@ def groups(run: RunFolder) -> Iterator[Group]:
     for row in found:
         detector = str(row.pop("detector"))
         setting = {str(axis): value for axis, value in row.items()}
-        yield Group(detector, setting, str(setting.get(JUDGE, run.sweep.judge)), len(found) > 1)
+        yield Group(
+            detector, setting, str(setting.get(EVALUATOR, run.sweep.evaluator)), len(found) > 1
+        )
 
 
 def worst_requirements(run: RunFolder, setting: Mapping[str, object]) -> pd.DataFrame:
