@@ -133,23 +133,23 @@ class CorrectionFile(Settings):
             names = ", ".join(self.lidars) or "none: it holds for all LiDARs"
             wrong = f"no LiDAR model {unit!r}{did_you_mean(unit, self.lidars)}"
             raise InputError(wrong, key="unit", expected=f"one of {names}")
-        own = UnitSettings() if unit is None else self.lidars[unit]
-        elevations = own.elevations_deg and tuple(map(math.radians, own.elevations_deg))
-        known: dict[str, Any] = {
-            "azimuth_steps": own.azimuth_steps,
-            "elevations": elevations,
-            "offsets": own.offsets_m,
+        settings = UnitSettings() if unit is None else self.lidars[unit]
+        values: dict[str, Any] = {
+            "azimuth_steps": settings.azimuth_steps,
+            "elevations": settings.elevations_deg
+            and tuple(map(math.radians, settings.elevations_deg)),
+            "offsets": settings.offsets_m,
         }
-        known = {name: value for name, value in known.items() if value is not None}
-        if known and lidar.pattern is not None:
+        values = {name: value for name, value in values.items() if value is not None}
+        if values and lidar.pattern is not None:
             wrong = "has beams that turn, and the LiDAR has a pattern"
             raise InputError(wrong, key=f"unit {unit}")
-        for table in (own.elevations_deg, own.offsets_m):
+        for table in (settings.elevations_deg, settings.offsets_m):
             if table is not None and len(table) != lidar.beams:
                 beams = f"{lidar.beams} beams as the LiDAR has"
                 raise InputError(key=f"unit {unit}", expected=beams, found=len(table))
-        mask = None if own.mask is None else own.mask.mask
-        return replace(lidar, correction=replace(self.of_all, mask=mask), **known)
+        mask = None if settings.mask is None else settings.mask.mask
+        return replace(lidar, correction=replace(self.of_all, mask=mask), **values)
 
 
 def packaged() -> tuple[str, ...]:
@@ -172,8 +172,8 @@ def read_correction(source: str | Path) -> CorrectionFile:
     if not is_file(name):
         return _packaged(name)
     try:
-        told = Path(source).stat()
-        return _read(Path(source), told.st_mtime_ns, told.st_size)
+        status = Path(source).stat()
+        return _read(Path(source), status.st_mtime_ns, status.st_size)
     except OSError as error:
         raise InputError(str(error.strerror), place=name) from None
 

@@ -99,10 +99,10 @@ class PlaceSettings(Settings):
         if high <= most + NANOMETRE:
             return zone
         if low > most + NANOMETRE:
-            above = f"{self.standoff:g} m, above the vehicle's body, {top:g} m there"
+            limit = f"{self.standoff:g} m, above the vehicle's body, {top:g} m there"
             needed = math.ceil(100 * (high - top) - NANOMETRE) / 100
             raise InputError(
-                f"z from {low:g} m is more than the standoff, {above}",
+                f"z from {low:g} m is more than the standoff, {limit}",
                 key=f"zones.{name}",
                 fix=f"write z up to {most:g}, or with a rack standoff: {needed:g}",
             )
@@ -113,7 +113,7 @@ def mountable(zones: Mapping[str, PlaceSettings], vehicle: Vehicle) -> tuple[Zon
     """Build the zones, cut off where they are too far above the vehicle.
 
     Raises ValueError: one is all off."""
-    return tuple(own.within_standoff(name, vehicle) for name, own in zones.items())
+    return tuple(zone.within_standoff(name, vehicle) for name, zone in zones.items())
 
 
 class KeepOutSettings(Settings):
@@ -138,7 +138,7 @@ KeepOuts = Annotated[
 
 def keep_out_boxes(keep_out: Mapping[str, KeepOutSettings]) -> NDArray[np.float64]:
     """Return lower and upper corners, metres, shape (n, 2, 3)."""
-    sides = [(own.x, own.y, own.z) for own in keep_out.values()]
+    sides = [(box.x, box.y, box.z) for box in keep_out.values()]
     return np.array(sides, np.float64).reshape(-1, 3, 2).transpose(0, 2, 1)
 
 

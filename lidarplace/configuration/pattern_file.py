@@ -23,8 +23,8 @@ def read_pattern(path: Path, rays_per_frame: int | None) -> ScanPattern:
     neither columns, not one frame of rows, or an angle that is no number or out of bounds."""
     with at(key="pattern"), at(path):
         try:
-            told = regular(path).stat()
-            return _read(path, rays_per_frame, told.st_mtime_ns, told.st_size)
+            status = regular(path).stat()
+            return _read(path, rays_per_frame, status.st_mtime_ns, status.st_size)
         except OSError as error:
             raise InputError(str(error.strerror)) from None
 

@@ -29,11 +29,11 @@ from lidarplace.rigs.catalogue.datasheet import datasheet, metres
 from lidarplace.rigs.lidar import Lidar, pattern_in
 
 Side = Annotated[float, Strict(), Field(ge=1, le=2000, allow_inf_nan=False)]
-"""Of a LiDAR, millimetres; metres are below."""
+"""Side of a LiDAR, millimetres; metres are below."""
 
 MOST_BEAMS = 10_000
 MOST_RAYS = 20_000_000
-"""Of a turn: two hundred times the paper's, beyond which a mistyped number is likelier."""
+"""Rays of a turn: two hundred times the paper's, beyond which a mistyped number is likelier."""
 TURNING = {"azimuth_deg", "azimuth_steps", "beams", "elevation_deg", "elevations_deg", "offsets_m"}
 """Keys of a LiDAR whose beams turn."""
 ANY = ("range", "range_10", "range_80", "min_range", "range_noise", "wavelength_nm", "size_mm")
@@ -140,7 +140,7 @@ class SensorSettings(Settings):
             table = data.get("elevations_deg")
             if not isinstance(table, (list, tuple)) or len(table) == len(sheet.elevations_deg):
                 keys.append("offsets_m")  # else they are of other lasers
-        return {key: own for key in keys if (own := getattr(sheet, key)) is not None} | data
+        return {key: v for key in keys if (v := getattr(sheet, key)) is not None} | data
 
     @field_validator("elevation_deg", "elevations_deg")
     @classmethod
@@ -164,8 +164,8 @@ class SensorSettings(Settings):
         beams = len(self.elevations_deg) if self.elevations_deg is not None else self.beams
         if beams * self.azimuth_steps > MOST_RAYS:
             most = f"at most {MOST_RAYS:,} rays, beams times azimuth steps"
-            found = f"{self.azimuth_steps:,} with {beams:,} beams"
-            raise InputError(key="azimuth_steps", expected=most, found=found)
+            rays = f"{self.azimuth_steps:,} with {beams:,} beams"
+            raise InputError(key="azimuth_steps", expected=most, found=rays)
         self.built  # noqa: B018 - what is wrong with it is wrong with the settings
         return self
 

@@ -111,8 +111,8 @@ class VehicleSettings(Settings):
         if self.mesh is None:
             return _vehicle(self, 0, 0)
         try:
-            told = self.mesh.stat()
-            return _vehicle(self, told.st_mtime_ns, told.st_size)
+            status = self.mesh.stat()
+            return _vehicle(self, status.st_mtime_ns, status.st_size)
         except OSError as error:
             raise InputError(f"{self.mesh}: {error.strerror}", key="mesh") from None
         except ModuleNotFoundError as error:
@@ -122,14 +122,14 @@ class VehicleSettings(Settings):
 @lru_cache(maxsize=8)
 def _vehicle(settings: VehicleSettings, changed: int, size: int) -> Vehicle:
     """Build the vehicle, again when the file of its mesh was changed."""
-    mesh, own = None, settings.trailer
+    mesh, trailer = None, settings.trailer
     if settings.mesh is not None:
         angles = map(math.radians, (settings.roll_deg, settings.pitch_deg, settings.yaw_deg))
         mesh = read_mesh(settings.mesh, settings.scale, rotation(*angles), settings.origin)
     body = Vehicle("vehicle", np.array(settings.boxes), mesh)
-    if own is not None:
-        boxes = np.array([*own.boxes, *settings.boxes])
-        body = BendingVehicle("vehicle", boxes, mesh, len(own.boxes), own.hitch, own.angles_deg)
+    if trailer is not None:
+        boxes, number = np.array([*trailer.boxes, *settings.boxes]), len(trailer.boxes)
+        body = BendingVehicle("vehicle", boxes, mesh, number, trailer.hitch, trailer.angles_deg)
     return with_keep_outs(body, Vehicle("keep_out", np.array(settings.keep_out)).boxes)
 
 

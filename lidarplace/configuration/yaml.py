@@ -17,7 +17,7 @@ from lidarplace.base.errors import InputError, at
 from lidarplace.files.regular import regular
 
 MOST_BYTES = 16_000_000
-"""Of a file: some 50,000 placements of four mounts. Beyond, it is likely to be another file."""
+"""Bytes of a file: some 50,000 placements of four mounts; beyond, it is likely another file."""
 MOST_VALUES = 5_000_000  # keys and values of a file; what an alias stands for is counted each time
 DEEPEST = 100  # mappings and lists inside each other
 
@@ -105,8 +105,8 @@ class _Loader(Composer, _Parser, SafeConstructor, Resolver):
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:
         """Construct the value of a node."""
-        if isinstance(node, yaml.ScalarNode) and (found := _CONTROL.search(node.value)):
-            raise _error(f"control character {found[0]!r} in a text", node)
+        if isinstance(node, yaml.ScalarNode) and (match := _CONTROL.search(node.value)):
+            raise _error(f"control character {match[0]!r} in a text", node)
         try:
             return super().construct_object(node, deep)
         except (ValueError, LookupError, TypeError, AttributeError):  # such as `!!bool abc`

@@ -103,8 +103,8 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
         for scene, rig in log.rigs.items():
             if rigs.setdefault(scene, rig) != rig:
                 raise InputError("different rigs in two of the logs", place=f"scene {scene}")
-        for scene, own in log.world.items():
-            if world.setdefault(scene, own) is not own:
+        for scene, static in log.world.items():
+            if world.setdefault(scene, static) is not static:
                 raise InputError("a static world in two of the logs", place=f"scene {scene}")
     boxes, frames, buildings = (
         pd.concat([getattr(log, name) for log in logs], ignore_index=True)
@@ -122,20 +122,20 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
     They are renamed into place when all of them are written."""
     folder.mkdir(parents=True, exist_ok=True)
     further = (*POSE_COLUMNS, *FULL_POSE_COLUMNS, SOURCE)
-    known = [name for name in further if name in log.frames.columns]
+    further = tuple(name for name in further if name in log.frames.columns)
     if not log.rigs:
         (folder / RIG_FILE).unlink(missing_ok=True)
     if not log.world:
         (folder / WORLD_FILE).unlink(missing_ok=True)
     with ExitStack() as stack:
-        for name, table, own in (
-            ("frames", log.frames, (*FRAME_COLUMNS, *known)),
+        for name, table, names in (
+            ("frames", log.frames, (*FRAME_COLUMNS, *further)),
             ("buildings", log.buildings, BUILDING_COLUMNS),
             ("boxes", log.boxes, (*BOX_COLUMNS, *count_columns(log.boxes))),
         ):
             partial = stack.enter_context(replacing(folder / f"{name}.parquet"))
             with partial.open("wb") as file:  # pandas would take http:/… for an address
-                table[list(own)].to_parquet(file, index=False)
+                table[list(names)].to_parquet(file, index=False)
         if log.rigs:
             partial = stack.enter_context(replacing(folder / RIG_FILE))
             rigs = {scene: asdict(rig) for scene, rig in log.rigs.items()}
@@ -187,7 +187,8 @@ def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: s
     if "timestamp_s" not in boxes or "timestamp_s" not in frames or boxes.empty:
         return
     time, box_time = (table["timestamp_s"].to_numpy(np.float64) for table in (frames, boxes))
-    off = np.abs(box_time - time[row]) if np.ptp(box_time) > 0 else np.zeros(len(box_time))
+    several = boxes["timestamp_s"].nunique() > 1
+    off = np.abs(box_time - time[row]) if several else np.zeros(len(box_time))
     step = frames.sort_values("frame")["timestamp_s"].diff().abs().median()
     if step > 0 and (far := off > step / 2).mean() > 0.5:
         problem = f"the time is not that of the frame in {name} in {far.mean():.0%} of the rows"
@@ -215,11 +216,11 @@ def _check_counted(rigs: Mapping[str, RecordedRig], boxes: pd.DataFrame, path: P
     """Raise InputError if a LiDAR has counts but is none of its scene's rig."""
     for name, column in points_of(boxes).items():
         for scene in boxes.loc[boxes[column].notna(), "scene"].unique():
-            if scene in rigs and name not in (own := rigs[scene].names):
+            if scene in rigs and name not in rigs[scene].names:
                 problem = "rig of other LiDARs than the counts in boxes.parquet"
-                found, fix = ", ".join(own), "convert the log again with its own rig"
+                names, fix = ", ".join(rigs[scene].names), "convert the log again with its own rig"
                 place = f"{path}: scene {scene}"
-                raise InputError(problem, place=place, expected=name, found=found, fix=fix)
+                raise InputError(problem, place=place, expected=name, found=names, fix=fix)
 
 
 def read_frames(folder: Path) -> pd.DataFrame:

@@ -101,8 +101,8 @@ def read_worlds(path: Path) -> dict[str, StaticWorld]:
     for number, scene in enumerate(scenes.tolist()):
         place = f"{path}: scene {scene}"
         for name, (dtype, shape) in _ARRAYS.items():
-            found = arrays.get(f"{number}/{name}")
-            lengths = () if found is None or found.dtype != dtype else found.shape
+            array = arrays.get(f"{number}/{name}")
+            lengths = () if array is None or array.dtype != dtype else array.shape
             if len(lengths) != len(shape) or any(
                 want not in (-1, have) for have, want in zip(lengths, shape, strict=True)
             ):

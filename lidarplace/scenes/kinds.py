@@ -27,15 +27,19 @@ class SceneKind(NamedTuple):
 KINDS = Registry(
     "lidarplace.scenes",
     {"sumo": SceneKind(SumoScene, town_parts), "log": SceneKind(LogScene, log_parts)},
-    fits=lambda found: isinstance(found, SceneKind) and issubclass(found.settings, BaseModel),
+    fits=lambda kind: (
+        isinstance(kind, SceneKind)
+        and isinstance(kind.settings, type)
+        and issubclass(kind.settings, BaseModel)
+    ),
 )
-"""By `source`."""
+"""Kinds of scenes by `source`."""
 
 
 def source_of(scene: Any) -> str:
     """Return the kind of a scene; traffic is simulated unless the configuration names another."""
-    told = scene.get("source", "sumo") if isinstance(scene, Mapping) else None
-    return str(told or getattr(scene, "source", "sumo"))
+    source = scene.get("source", "sumo") if isinstance(scene, Mapping) else None
+    return str(source or getattr(scene, "source", "sumo"))
 
 
 def _checked(scene: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo) -> Any:
@@ -59,7 +63,7 @@ class _Schema:
     ) -> dict[str, Any]:
         schema = handler(core)
         added = (kind.settings for name, kind in KINDS.installed().items() if name not in KINDS.own)
-        return {"anyOf": [*schema["anyOf"], *(own.model_json_schema() for own in added)]}
+        return {"anyOf": [*schema["anyOf"], *(settings.model_json_schema() for settings in added)]}
 
 
 Scene = Annotated[SerializeAsAny[SumoScene | LogScene], WrapValidator(_checked), _Schema()]

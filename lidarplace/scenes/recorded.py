@@ -95,9 +95,9 @@ class LogScene(Settings):
 
     @cached_property
     def _frame_counts(self) -> tuple[int, int]:
-        own = read_frames(self.folder)["split"]
-        tests = own if self.test_folder is None else read_frames(self.test_folder)["split"]
-        return int((own == "train").sum()), int((tests == "test").sum())
+        splits = read_frames(self.folder)["split"]
+        tests = splits if self.test_folder is None else read_frames(self.test_folder)["split"]
+        return int((splits == "train").sum()), int((tests == "test").sum())
 
     @property
     def real_clouds(self) -> Path:
@@ -172,14 +172,14 @@ def log_parts(scene: LogScene) -> list[ScenePart]:
     """List the log as one part, and the log of its test frames as another if it is one."""
     counts = dict(zip(SPLITS, scene.frame_counts(), strict=True))
     # Constructed, not copied: counts of frames are not those of the copy.
-    own = LogScene.model_construct(**(dict(scene) | {"test_folder": None}))
+    train = LogScene.model_construct(**(dict(scene) | {"test_folder": None}))
     if scene.test_folder is None:
         splits = tuple(split for split, count in counts.items() if count)
-        return [ScenePart("", LogRecording(own, own.digest()), splits)]
-    other = LogScene.model_construct(**(dict(own) | {"folder": scene.test_folder}))
+        return [ScenePart("", LogRecording(train, train.digest()), splits)]
+    test = LogScene.model_construct(**(dict(train) | {"folder": scene.test_folder}))
     return [
         ScenePart(name, LogRecording(log, log.digest()), (split,))
-        for name, log, split in (("", own, "train"), ("test log", other, "test"))
+        for name, log, split in (("", train, "train"), ("test log", test, "test"))
         if counts[split]
     ]
 

@@ -51,22 +51,22 @@ def read_frame(log: BoxLog, number: int, crop: Crop) -> Frame:
     rows = log.frames[log.frames["frame"] == number]
     if rows.empty:
         listed = log.frames["frame"]
-        known = f"one of {len(listed)} frames, {listed.min()} to {listed.max()}"
-        known = known if len(listed) else "a log with frames"
-        raise InputError(key="frame", expected=known, found=number)
+        expected = f"one of {len(listed)} frames, {listed.min()} to {listed.max()}"
+        expected = expected if len(listed) else "a log with frames"
+        raise InputError(key="frame", expected=expected, found=number)
     row = rows.iloc[0]
-    own = replace(
+    part = replace(
         log,
         boxes=log.boxes[log.boxes["frame"] == number],
         frames=rows,
         buildings=log.buildings[log.buildings["scene"] == row["scene"]],
     )
-    geometry = own.boxes[list(GEOMETRY)].to_numpy(np.float64)
+    geometry = part.boxes[list(GEOMETRY)].to_numpy(np.float64)
     near = _near(geometry, crop)
-    parts = Surroundings(own).parts(number, reach=np.inf)
+    parts = Surroundings(part).parts(number, reach=np.inf)
     buildings = parts.geometry[parts.owner == BUILDING, : len(GEOMETRY)]
-    objects = own.boxes[near]
-    return Frame(own, row, objects, centres_in(crop, objects), buildings[_near(buildings, crop)])
+    objects = part.boxes[near]
+    return Frame(part, row, objects, centres_in(crop, objects), buildings[_near(buildings, crop)])
 
 
 def read_cloud(
@@ -86,12 +86,12 @@ def read_cloud(
     numbers = [frame.row["frame"]]
     clouds = collect(frame.log, numbers, placement, reach, 0, misaligned_heights, vehicle=vehicle)
     points, lidar = clouds[0], clouds.lidar(0)
-    kept = np.arange(len(points))
+    drawn = np.arange(len(points))
     if len(points) > most:
-        kept = np.sort(np.random.default_rng(0).choice(len(points), most, replace=False))
+        drawn = np.sort(np.random.default_rng(0).choice(len(points), most, replace=False))
     boxes = frame.objects[list(GEOMETRY)].to_numpy(np.float64)
     grown = boxes + np.array([0, 0, 0, 2, 2, 2, 0]) * MARGIN_M
-    return points[kept, :3], lidar[kept], len(points), count_points(points, grown)
+    return points[drawn, :3], lidar[drawn], len(points), count_points(points, grown)
 
 
 def centres_in(crop: Crop, boxes: pd.DataFrame) -> NDArray[np.bool_]:

@@ -26,9 +26,9 @@ WORLD, EGO = "world", "ego"
 """Frames of coordinates; those of the LiDARs are `lidar_0` and so on."""
 
 STEP_S = 0.1
-"""Between frames whose times are not known."""
+"""Time between frames whose times are not known."""
 PAUSE_S = 1.0
-"""From the last frame of a drive to the first of the next one: all drives begin at 0."""
+"""Time from the last frame of a drive to the first of the next one: all begin at 0."""
 
 
 def clock(frames: pd.DataFrame) -> NDArray[np.int64]:
@@ -78,11 +78,12 @@ def write_mcap(
                 points, owner = clouds[index], clouds.lidar(index)
                 for lidar, channel in enumerate(clouds_of):
                     channel.log(_cloud(points[owner == lidar], stamp), log_time=ns)
-                known = by_frame.get(number, boxes.iloc[:0])
-                seen = [_entity(box, stamp) for box in known.to_dict("records")]
-                objects.log(messages.SceneUpdate(deletions=[clear], entities=seen), log_time=ns)
-                told = {"frame": number, "scene": row.scene, "split": row.split}
-                about.log(json.dumps(told).encode(), log_time=ns)
+                of_frame = by_frame.get(number, boxes.iloc[:0]).to_dict("records")
+                entities = [_entity(box, stamp) for box in of_frame]
+                update = messages.SceneUpdate(deletions=[clear], entities=entities)
+                objects.log(update, log_time=ns)
+                facts = {"frame": number, "scene": row.scene, "split": row.split}
+                about.log(json.dumps(facts).encode(), log_time=ns)
 
 
 def _transforms(placement: Placement, row: Any, stamp: Any) -> list[FrameTransform]:

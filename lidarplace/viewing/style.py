@@ -22,10 +22,10 @@ def class_colours(names: Iterable[str]) -> dict[str, str]:
     return CLASSES | dict(zip(others, cycle(_FURTHER)))
 
 
-def title(text: str, below: str) -> dict[str, Any]:
+def title(text: str, subtitle: str) -> dict[str, Any]:
     """Lay out a title to the left, and a line below it, for plotly."""
-    subtitle = {"text": below, "font": {"size": 11}}
-    return {"text": plain(text), "subtitle": subtitle, "x": 0, "xref": "paper"}
+    lower = {"text": subtitle, "font": {"size": 11}}
+    return {"text": plain(text), "subtitle": lower, "x": 0, "xref": "paper"}
 
 
 def plain(text: object) -> str:

@@ -31,10 +31,10 @@ class Collection(Settings):
 
     scene: CarlaScene = CarlaScene()
     lidar: Annotated[Lidar, BeforeValidator(_named)] | None = None
-    """Of every placement, by its name in the catalogue, or lengths in metres and angles in radians;
-    null is the paper's."""
+    """LiDAR of every placement: its name in the catalogue, or lengths in metres and angles in
+    radians; null is the paper's."""
     placements: dict[Name, PlacementSettings | None] = dict.fromkeys(PAPER_PLACEMENTS)
-    """By name, as in a sweep; the name alone, without mounts, is one of the paper's eight."""
+    """Placements by name, as in a sweep; without mounts, a name is one of the paper's eight."""
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -54,10 +54,10 @@ class Collection(Settings):
             elif name in PAPER_PLACEMENTS:
                 rigs[name] = PAPER_PLACEMENTS[name].with_lidar(lidar)
             else:
-                known = f"mounts, which only {', '.join(PAPER_PLACEMENTS)} may lack"
-                raise InputError(key=f"placements.{name}", expected=known, found="none")
-            for own in rigs[name].lidars:
-                check_possible(own, f"placements: {name}")
+                expected = f"mounts, which only {', '.join(PAPER_PLACEMENTS)} may lack"
+                raise InputError(key=f"placements.{name}", expected=expected, found="none")
+            for model in rigs[name].lidars:
+                check_possible(model, f"placements: {name}")
         return rigs
 
 
@@ -82,9 +82,9 @@ def carla(
     """
     try:
         content = read_yaml_file(config) or {}
-        given = {"host": host, "port": port, "timeout_s": timeout}
+        options = {"host": host, "port": port, "timeout_s": timeout}
         if isinstance(content, dict) and isinstance(content.get("scene", {}), dict):
-            named = {key: value for key, value in given.items() if value is not None}
+            named = {key: value for key, value in options.items() if value is not None}
             content = content | {"scene": content.get("scene", {}) | named}
         collection = Collection.model_validate(content)
         collect(collection.scene, collection.rigs(), out, report=say)

@@ -44,7 +44,7 @@ class Rig:
 
     def __init__(
         self,
-        own: Actors,
+        actors: Actors,
         library: carla.BlueprintLibrary,
         ego: carla.Actor,
         placement: Placement,
@@ -68,7 +68,7 @@ class Rig:
                 for name, value in attributes(lidar, fan, seed + number).items():
                     if name != "noise_seed" or blueprint.has_attribute(name):
                         blueprint.set_attribute(name, value)
-                sensor = own.spawn(blueprint, mount_transform(mount, (centre.x, centre.y)), ego)
+                sensor = actors.spawn(blueprint, mount_transform(mount, (centre.x, centre.y)), ego)
                 if sensor is None:
                     raise RuntimeError(f"placement {placement.name}: no room for LiDAR {m}")
                 self._mount_of.append(m)
@@ -121,6 +121,6 @@ def ego_points(
     low_ends, high_ends = np.reshape(crop, (2, 3, 1))
     seen &= ((low_ends <= place) & (place <= high_ends)).all(axis=0)
     half = np.array(body)[:, None] / 2
-    middle = half * [[0.0], [0.0], [1.0]]
-    seen &= ~(np.abs(place - middle) <= half + BODY_MARGIN_M).all(axis=0)
+    centre = half * [[0.0], [0.0], [1.0]]
+    seen &= ~(np.abs(place - centre) <= half + BODY_MARGIN_M).all(axis=0)
     return np.asarray(np.column_stack([place.T, returns[:, 3]])[seen], np.float32)

@@ -37,10 +37,10 @@ def replay(
     import carla
 
     world = load_town(client, route.town)
-    with synchronous(world), closing(Actors(client, world)) as own:
-        everybody = _spawn(world, own, traffic)
+    with synchronous(world), closing(Actors(client, world)) as actors:
+        everybody = _spawn(world, actors, traffic)
         library = world.get_blueprint_library()
-        rig = Rig(own, library, everybody[EGO], placement, scene.crop, route.seed)
+        rig = Rig(actors, library, everybody[EGO], placement, scene.crop, route.seed)
 
         def fired(poses: Poses, frame: int | None) -> list[Points]:
             """Put everybody in place, step, and wait for the LiDARs."""
@@ -59,12 +59,12 @@ def replay(
         return PointClouds.from_frames(traffic.frames["frame"], clouds, scene.crop)
 
 
-def _spawn(world: carla.World, own: Actors, traffic: Traffic) -> list[carla.Actor]:
+def _spawn(world: carla.World, actors: Actors, traffic: Traffic) -> list[carla.Actor]:
     """Spawn the recorded actors, side by side above the town, without physics."""
     library, places = world.get_blueprint_library(), _waiting_places(traffic)
     everybody = []
     for number, name in zip(traffic.actors["actor"], traffic.actors["blueprint"], strict=True):
-        actor = own.spawn(library.find(name), places[number])
+        actor = actors.spawn(library.find(name), places[number])
         if actor is None:
             raise RuntimeError(f"the server cannot make {name} again")
         actor.set_simulate_physics(False)

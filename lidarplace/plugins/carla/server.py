@@ -53,8 +53,8 @@ def check_versions(client: carla.Client, scene: CarlaScene) -> None:
 
 def _release(version: str) -> str:
     """Return the first three numbers: builds such as 0.9.15-dirty or 0.9.10.1 speak as these."""
-    found = re.match(r"\d+\.\d+\.\d+", version)
-    return found.group() if found else version
+    release = re.match(r"\d+\.\d+\.\d+", version)
+    return release.group() if release else version
 
 
 def load_town(client: carla.Client, town: str) -> carla.World:
@@ -65,8 +65,9 @@ def load_town(client: carla.Client, town: str) -> carla.World:
 
     maps = sorted(path.rsplit("/", 1)[-1] for path in client.get_available_maps())
     if town not in maps:
-        known, fix = ", ".join(maps), "further towns are in CARLA's package AdditionalMaps"
-        raise InputError(place="CARLA server", key="map", expected=known, found=town, fix=fix)
+        fix = "further towns are in CARLA's package AdditionalMaps"
+        names = ", ".join(maps)
+        raise InputError(place="CARLA server", key="map", expected=names, found=town, fix=fix)
     world = client.load_world(town)
     if hasattr(world, "enable_environment_objects"):
         kinds = carla.CityObjectLabel

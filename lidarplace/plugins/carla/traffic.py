@@ -54,8 +54,8 @@ def box_log(traffic: Traffic) -> BoxLog:
     of_box = np.zeros((len(where), len(POSE)))
     of_box[:, [0, 1, 2, 5]] = where[list(BOX[:4])]
     box = _poses(of_box)
-    own = (where["actor"] == EGO).to_numpy()
-    rows = pd.Series(np.flatnonzero(own), index=where.loc[own, "frame"])
+    is_ego = (where["actor"] == EGO).to_numpy()
+    rows = pd.Series(np.flatnonzero(is_ego), index=where.loc[is_ego, "frame"])
     # CARLA's origin is on the ground, but not quite under the middle of the vehicle.
     ego = actor.moved(box.position * [1, 1, 0])[rows.loc[where["frame"]].to_numpy()]
     local = box.posed_by(actor).seen_from(ego)
@@ -64,8 +64,8 @@ def box_log(traffic: Traffic) -> BoxLog:
         **dict(zip("xyz", local.position.T, strict=True)),
         yaw=local.yaw,
     )
-    near = ~own & (np.hypot(*local.position[:, :2].T) <= KEEP_M)
-    poses = where[["frame"]].assign(**ego.ego_columns())[own]
+    near = ~is_ego & (np.hypot(*local.position[:, :2].T) <= KEEP_M)
+    poses = where[["frame"]].assign(**ego.ego_columns())[is_ego]
     frames = traffic.frames.merge(poses[["frame", *POSE_COLUMNS]], on="frame")
     boxes = boxes.loc[near, list(BOX_COLUMNS)].sort_values(["frame", "object_id"])
     return BoxLog(boxes.astype(dict.fromkeys(GEOMETRY, float)).reset_index(drop=True), frames)

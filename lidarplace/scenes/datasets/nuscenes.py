@@ -18,7 +18,7 @@ from lidarplace.logs.boxes import CLOUD, POINTS, SOURCE, first, geometry_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.datasets.class_maps import NUSCENES, ClassMap, classified, classify, merged
 from lidarplace.scenes.datasets.drives import recorded_rig
-from lidarplace.scenes.datasets.nuscenes_tables import Table, read_table
+from lidarplace.scenes.datasets.nuscenes_tables import TokenTable, read_table
 from lidarplace.scenes.datasets.se3 import Poses, poses
 
 ORIGIN = (2.588 / 2, 0.0, 0.0)
@@ -93,14 +93,14 @@ def read_nuscenes(
     return BoxLog(classified(boxes), frames, rigs=rigs)
 
 
-def in_ego(box: Table, ego: Poses) -> dict[str, NDArray[np.float64]]:
+def in_ego(box: TokenTable, ego: Poses) -> dict[str, NDArray[np.float64]]:
     """Return columns of `GEOMETRY` from `translation`, `size` and `rotation` of boxes in the world.
 
     `ego` is our ego frame of every row. Raises ValueError that names file, row and value."""
     size = box.numbers("size", 3)
     if (row := first((size < 0).any(axis=1))) is not None:
-        found = size[row].tolist()
-        raise InputError(place=box.row(row), key="size", expected="at least 0", found=found)
+        value = size[row].tolist()
+        raise InputError(place=box.row(row), key="size", expected="at least 0", found=value)
     pose = poses(box.numbers("translation", 3), box.numbers("rotation", 4), box.row).seen_from(ego)
     return geometry_of(pose.position, size[:, [1, 0, 2]], pose.yaw)
 
@@ -109,16 +109,20 @@ def _tables(folder: Path, version: str | None) -> Path:
     folder = folder / (version or "")
     if (folder / "scene.json").exists():
         return folder
-    found = sorted(path.parent for path in folder.glob("v1.0-*/scene.json"))
-    if len(found) != 1:
-        versions, fix = ", ".join(path.name for path in found), "name a version" if found else ""
+    folders = sorted(path.parent for path in folder.glob("v1.0-*/scene.json"))
+    if len(folders) != 1:
+        versions, fix = ", ".join(path.name for path in folders), "name a version" * bool(folders)
         expected = "scene.json or one folder v1.0-*"
         raise InputError(place=folder, expected=expected, found=versions or "none", fix=fix)
-    return found[0]
+    return folders[0]
 
 
 def _frames(
-    folder: Path, scene: Table, sample: Table, sweep: Table, test_scenes: Sequence[str] | float
+    folder: Path,
+    scene: TokenTable,
+    sample: TokenTable,
+    sweep: TokenTable,
+    test_scenes: Sequence[str] | float,
 ) -> tuple[pd.DataFrame, NDArray[np.int64], Poses]:
     """Return the table of frames, the frame of every sample, and our ego pose by frame."""
     names = np.array(scene.columns["name"], dtype=object)
@@ -146,7 +150,7 @@ def _frames(
 
 
 def _test(
-    scene: Table, order: NDArray[np.int64], test_scenes: Sequence[str] | float
+    scene: TokenTable, order: NDArray[np.int64], test_scenes: Sequence[str] | float
 ) -> NDArray[np.bool_]:
     """Return whether each row of `scene` is test; a share takes recordings at even distances."""
     names, logs = scene.columns["name"], scene.columns["log_token"]
@@ -162,7 +166,7 @@ def _test(
     return np.array([log in test for log in logs], bool)
 
 
-def _sweeps(folder: Path, sample: Table) -> Table:
+def _sweeps(folder: Path, sample: TokenTable) -> TokenTable:
     """Return the rows of `sample_data` that are the key frames of `LIDAR`, by row of `sample`."""
     sensor = read_table(folder / "sensor.json", ("channel",))
     calibrated = read_table(folder / "calibrated_sensor.json", ("sensor_token",))
@@ -182,7 +186,7 @@ def _sweeps(folder: Path, sample: Table) -> Table:
 
 
 def _poses(
-    folder: Path, name: str, sweep: Table, origin: Sequence[float] = (0.0, 0.0, 0.0)
+    folder: Path, name: str, sweep: TokenTable, origin: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> Poses:
     """Return poses in the table `name`, less `origin`, by row of `sweep`."""
     pose = read_table(folder / f"{name}.json", ("translation", "rotation"))
@@ -190,7 +194,7 @@ def _poses(
     return poses(pose.numbers("translation", 3) - origin, pose.numbers("rotation", 4), pose.row)
 
 
-def _categories(folder: Path, box: Table) -> pd.Series:
+def _categories(folder: Path, box: TokenTable) -> pd.Series:
     instance = read_table(folder / "instance.json", ("category_token",))
     category = read_table(folder / "category.json", ("name",))
     of_instance = instance.rows_in(category, "category_token")

@@ -59,10 +59,10 @@ def read_openlabel(
     def read(path: Path, start: int) -> Drive:
         content = read_record(path, OpenLabel, "OpenLABEL file").openlabel
         with at(path):
-            own = _vehicle(content, vehicle)
-            frames = _frames(content, own, origin, seconds).assign(scene=path.stem)
+            system = _vehicle(content, vehicle)
+            frames = _frames(content, system, origin, seconds).assign(scene=path.stem)
             frames["frame"] += start
-            boxes = _boxes(content, own)
+            boxes = _boxes(content, system)
             boxes[list("xyz")] += np.asarray(origin)
             row = boxes["row"].to_numpy(np.int64)
             for name in ("scene", "frame", "timestamp_s"):
@@ -105,9 +105,9 @@ def _frames(
 def _vehicle(content: Content, name: str | None) -> str:
     """Return the name of the vehicle's coordinate system."""
     systems = content.coordinate_systems
-    found = [each for each, system in systems.items() if system.type == VEHICLE]
-    if name is None and len(found) == 1:
-        return found[0]
+    vehicles = [each for each, system in systems.items() if system.type == VEHICLE]
+    if name is None and len(vehicles) == 1:
+        return vehicles[0]
     if name is None or name not in systems:
         listed = ", ".join(f"{each} ({system.type})" for each, system in systems.items())
         expected, fix = "the coordinate system of the vehicle", "name it by --vehicle"
@@ -148,21 +148,21 @@ def _boxes_of_frame(
         where = f"frame {number}, object {uid}"
         if uid not in content.objects:
             raise InputError("not among the objects of the file", place=where)
-        known = content.objects[uid]
-        spans = [range(span.frame_start, span.frame_end + 1) for span in known.frame_intervals]
-        own = frame.objects[uid].object_data.cuboid if uid in frame.objects else []
-        if not own and (not spans or any(number in span for span in spans)):
-            own = known.object_data.cuboid
-        if not own:
+        labelled = content.objects[uid]
+        spans = [range(span.frame_start, span.frame_end + 1) for span in labelled.frame_intervals]
+        cuboids = frame.objects[uid].object_data.cuboid if uid in frame.objects else []
+        if not cuboids and (not spans or any(number in span for span in spans)):
+            cuboids = labelled.object_data.cuboid
+        if not cuboids:
             continue
-        if len(own) > 1:
-            raise InputError(place=where, expected="one cuboid", found=len(own))
-        system = own[0].coordinate_system or known.coordinate_system or vehicle
+        if len(cuboids) > 1:
+            raise InputError(place=where, expected="one cuboid", found=len(cuboids))
+        system = cuboids[0].coordinate_system or labelled.coordinate_system or vehicle
         if system not in to_vehicle:
             matrix = systems.between(system, vehicle)
             if matrix is None:
                 raise InputError(f"no transform leads from {system} to {vehicle}", place=where)
             to_vehicle[system] = matrix
-        pose = to_vehicle[system] @ own[0].pose()
+        pose = to_vehicle[system] @ cuboids[0].pose()
         yaw = float(np.arctan2(pose[1, 0], pose[0, 0]))
-        yield uid, known.type, *pose[:3, 3].tolist(), *own[0].val[-3:], yaw
+        yield uid, labelled.type, *pose[:3, 3].tolist(), *cuboids[0].val[-3:], yaw

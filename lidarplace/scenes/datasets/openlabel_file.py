@@ -163,13 +163,13 @@ class Systems:
 
     def between(self, src: str, dst: str) -> Matrix | None:
         """Chain the fewest known transforms that lead from `src` to `dst`; None if none do."""
-        found: dict[str, Matrix] = {src: np.eye(4)}
+        reached: dict[str, Matrix] = {src: np.eye(4)}
         last = [src]
-        while last and dst not in found:
+        while last and dst not in reached:
             new = []
             for (a, b), matrix in self._known.items():
-                if a in last and b not in found:
-                    found[b] = matrix @ found[a]
+                if a in last and b not in reached:
+                    reached[b] = matrix @ reached[a]
                     new.append(b)
             last = new
-        return found.get(dst)
+        return reached.get(dst)

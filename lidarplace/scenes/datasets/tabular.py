@@ -71,11 +71,11 @@ def read_tabular(
     further: dict[str, Any] = {}
     if source.is_dir():
         further = {"buildings": read_buildings(source), "rigs": read_rigs(source)}
-        folder, source = source, _found(source, "boxes")
+        folder, source = source, _table_in(source, "boxes")
         if any(is_there(folder / f"frames{suffix}") for suffix in SUFFIXES):
             if frames is not None:
                 raise InputError("has a table of frames; another cannot be given", place=folder)
-            frames = _found(folder, "frames")
+            frames = _table_in(folder, "frames")
     boxes = _boxes(source)
     if frames is None:
         fix = "add a table of all frames or their number"
@@ -89,13 +89,13 @@ def read_tabular(
     return BoxLog(classified(boxes), table, **further)
 
 
-def _found(folder: Path, name: str) -> Path:
-    found = [path for suffix in SUFFIXES if is_there(path := folder / f"{name}{suffix}")]
-    if len(found) != 1:
-        wanted, both = " or ".join(f"{name}{suffix}" for suffix in SUFFIXES), "both"
-        fix = "" if found else other_reader(folder)
-        raise InputError(place=folder, expected=wanted, found=both if found else "neither", fix=fix)
-    return found[0]
+def _table_in(folder: Path, name: str) -> Path:
+    files = [path for suffix in SUFFIXES if is_there(path := folder / f"{name}{suffix}")]
+    if len(files) != 1:
+        expected = " or ".join(f"{name}{suffix}" for suffix in SUFFIXES)
+        number, fix = ("both", "") if files else ("neither", other_reader(folder))
+        raise InputError(place=folder, expected=expected, found=number, fix=fix)
+    return files[0]
 
 
 def read_table(path: Path, texts: Iterable[str] = TEXT) -> pd.DataFrame:
@@ -143,9 +143,9 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
     """Read the table of frames at `path`, which must list those of the boxes."""
     frames = read_table(path)
     needed = boxes.columns.intersection([*OF_FRAMES])
-    known = {*frames.columns}
-    poses = [*POSE_COLUMNS] if known & {*POSE_COLUMNS} else []
-    poses += FULL_POSE_COLUMNS if known & {*FULL_POSE_COLUMNS} else ()
+    names = {*frames.columns}
+    poses = [*POSE_COLUMNS] if names & {*POSE_COLUMNS} else []
+    poses += FULL_POSE_COLUMNS if names & {*FULL_POSE_COLUMNS} else ()
     _check(frames, ("frame", *needed, *poses), (*poses, "timestamp_s"), path)
     columns.check_values(frames, ["frame"], frames["frame"].duplicated(), UNIQUE, str(path))
     if "split" in frames:
@@ -157,15 +157,15 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
 def _counted(boxes: pd.DataFrame, count: int, source: Path) -> pd.DataFrame:
     """List the frames of the boxes, and empty ones after them that make it `count`."""
     FRAMES.check("frames", count)
-    own = boxes[["frame", *boxes.columns.intersection([*OF_FRAMES])]].drop_duplicates("frame")
-    if len(own) > count:
+    filled = boxes[["frame", *boxes.columns.intersection([*OF_FRAMES])]].drop_duplicates("frame")
+    if len(filled) > count:
         expected = f"boxes of at most {count} frames"
-        raise InputError(place=source, expected=expected, found=len(own))
-    start = own["frame"].max() + 1 if len(own) else 0
-    empty = pd.DataFrame({"frame": start + np.arange(count - len(own)), "scene": NO_BOXES})
-    if "scene" not in own:
-        own = own.assign(scene=LOG)
-    return _complete(pd.concat([own, empty]))
+        raise InputError(place=source, expected=expected, found=len(filled))
+    start = filled["frame"].max() + 1 if len(filled) else 0
+    empty = pd.DataFrame({"frame": start + np.arange(count - len(filled)), "scene": NO_BOXES})
+    if "scene" not in filled:
+        filled = filled.assign(scene=LOG)
+    return _complete(pd.concat([filled, empty]))
 
 
 def _complete(frames: pd.DataFrame, poses: Sequence[str] = ()) -> pd.DataFrame:
@@ -175,8 +175,8 @@ def _complete(frames: pd.DataFrame, poses: Sequence[str] = ()) -> pd.DataFrame:
             frames[name] = value
     if "route" not in frames:
         frames["route"] = pd.factorize(frames["scene"], sort=True)[0]
-    own = [*FRAME_COLUMNS, *poses, *frames.columns.intersection([CLOUD])]
-    return frames.sort_values("frame", ignore_index=True)[own]
+    names = [*FRAME_COLUMNS, *poses, *frames.columns.intersection([CLOUD])]
+    return frames.sort_values("frame", ignore_index=True)[names]
 
 
 def _set_scene_and_time(boxes: pd.DataFrame, frames: pd.DataFrame, source: Path) -> None:

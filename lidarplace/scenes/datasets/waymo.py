@@ -108,7 +108,7 @@ def _rig(path: Path, lidar: Lidar | None) -> RecordedRig:
     sensors = _poses(table, EXTRINSIC, np.arange(len(table)), source)
     sensors = Poses(sensors.position - ORIGIN, sensors.rotation)
     angles = zip(*(table[name] for name in INCLINATIONS), strict=True)
-    lidars = [lidar or _lidar(*own, source) for own in zip(names, angles, strict=True)]
+    lidars = [lidar or _lidar(n, ends, source) for n, ends in zip(names, angles, strict=True)]
     return recorded_rig("waymo", names, sensors, lidars)
 
 
@@ -184,9 +184,9 @@ def _boxes(
             **in_ego(table, source),
         }
     )
-    for name, own in COUNTS.items():
+    for name, column in COUNTS.items():
         if name in table:
-            boxes[own] = counts_if_known(table, name, source)
+            boxes[column] = counts_if_known(table, name, source)
     return boxes
 
 

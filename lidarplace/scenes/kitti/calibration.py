@@ -66,9 +66,8 @@ def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
         except ValueError:
             matrix = np.empty(0)
         if matrix.size != shape[0] * shape[1] or not np.isfinite(matrix).all():
-            place, found = f"{path}: line {number}", repr(" ".join(values))
-            expected = f"{shape[0] * shape[1]} finite numbers"
-            raise InputError(place=place, key=name, expected=expected, found=found)
+            place, expected = f"{path}: line {number}", f"{shape[0] * shape[1]} finite numbers"
+            raise InputError(place=place, key=name, expected=expected, found=repr(" ".join(values)))
         matrices[name] = matrix.reshape(shape)
     for name in ("R0_rect", "Tr_velo_to_cam"):
         if name not in matrices:

@@ -45,10 +45,10 @@ def to_labels(objects: pd.DataFrame) -> pd.DataFrame:
     whole = _image_boxes(*box)
     right, lower = (size - 1.0 for size in IMAGE_SIZE)
     cut = _rounded(np.clip(whole, 0.0, [right, lower, right, lower]))
-    shown = (cut[:, 2:] > cut[:, :2]).all(axis=1)
-    cut[~shown] = 0.0
+    visible = (cut[:, 2:] > cut[:, :2]).all(axis=1)
+    cut[~visible] = 0.0
     area, cut_area = ((sides[:, 2:] - sides[:, :2]).prod(axis=1) for sides in (whole, cut))
-    share = np.divide(cut_area, area, out=np.zeros_like(area), where=shown)
+    share = np.divide(cut_area, area, out=np.zeros_like(area), where=visible)
     truncated = _rounded(np.clip(1.0 - share, 0.0, 1.0))
     alpha = _rounded(_wrapped(rotation_y - np.arctan2(x, z)))
     occluded = objects["occluded"].to_numpy(np.int64)

@@ -48,9 +48,9 @@ def frames_of(
     tables: list[pd.DataFrame] = []
     first = 0
     for number, drive in enumerate(drives):
-        own = route == number
-        values, index = _frames_of_drive(stamps.value[own], mapping, source)
-        of_row[own] = first + index
+        of_drive = route == number
+        values, index = _frames_of_drive(stamps.value[of_drive], mapping, source)
+        of_row[of_drive] = first + index
         seconds = (values - values[0]) / (mapping.frames.rate_hz or np.nan)
         if mapping.columns.time is not None:
             seconds = (values - values[0]) * SECONDS[mapping.units.time]
@@ -87,17 +87,17 @@ def _frames_of_drive(
         problem += f"frame off a rate of {rate:g} Hz, the first with {times[np.argmax(off)]:.16g}"
         fix = "change frames.rate_hz or units.time"
         raise InputError(problem, place=source, key=mapping.stamp, fix=fix)
-    known, first = np.unique(number, return_index=True)
-    return np.interp(np.arange(known[-1] + 1), known, times[first]), number[of_row]
+    labelled, first = np.unique(number, return_index=True)
+    return np.interp(np.arange(labelled[-1] + 1), labelled, times[first]), number[of_row]
 
 
 def _splits(drives: NDArray[np.str_], mapping: TableMapping, source: str) -> dict[str, str]:
     train, test = mapping.drives.train, mapping.drives.test
     for key, names in (("train", train or ()), ("test", test)):
         if missing := [name for name in names if name not in drives]:
-            shown = ", ".join(drives[:20]) + (" …" if len(drives) > 20 else "")
+            listed = ", ".join(drives[:20]) + (" …" if len(drives) > 20 else "")
             problem = f"no drive {missing[0]!r} in column {mapping.columns.drive}"
-            raise InputError(problem, place=source, key=f"drives.{key}", found=shown)
+            raise InputError(problem, place=source, key=f"drives.{key}", found=listed)
     split = {str(drive): "test" if drive in test else "train" for drive in drives}
     if left := [name for name in split if train is not None and name not in (*train, *test)]:
         problem = f"{left[0]!r} is neither in train nor in test, nor are {len(left) - 1} others"

@@ -7,7 +7,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from lidarplace.base.class_names import check_class_name
 from lidarplace.base.errors import InputError
-from lidarplace.configuration.settings import FileBeside, Length, Name, Settings, found, validated
+from lidarplace.configuration.settings import FileBeside, Length, Name, Settings, excerpt, validated
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import CLASSES
 from lidarplace.logs.plausibility import LogCheck
@@ -166,5 +166,5 @@ def read_mapping(path: Path) -> TableMapping:
     """Read the keys of `TableMapping`; raise OSError, and ValueError that names file and key."""
     content = read_yaml_file(path)
     if not isinstance(content, dict):
-        raise InputError(place=path, expected="keys such as `columns`", found=found(content))
+        raise InputError(place=path, expected="keys such as `columns`", found=excerpt(content))
     return validated(TableMapping, content, str(path), path.parent)

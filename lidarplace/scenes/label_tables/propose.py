@@ -23,7 +23,7 @@ ALIKE = 0.8  # names less alike than this share of their letters are not taken f
 _NAMES = read_yaml_file(Path(__file__).with_name("names.yaml"))
 USUAL: Mapping[str, str] = _NAMES["usual"]  # key of the mapping -> names that it has in label files
 _STEM = re.compile("|".join(f"(?P<{word}>{stems})" for word, stems in _NAMES["stems"].items()))
-"""Of German and French words, in groups called by the English one."""
+"""Stems of German and French words, in groups called by the English one."""
 TEST_SHARE = 0.2
 MOST_CATEGORIES = 200
 NEAR_GROUND_M = 0.1
@@ -86,8 +86,8 @@ class _Proposal:
         """Return a column as numbers, NaN where it has none."""
         if key not in self.columns:
             return np.full(len(self.table), np.nan)
-        found = pd.to_numeric(self.table[self.columns[key]], errors="coerce")
-        return np.asarray(found.to_numpy(np.float64, na_value=np.nan))
+        numbers = pd.to_numeric(self.table[self.columns[key]], errors="coerce")
+        return np.asarray(numbers.to_numpy(np.float64, na_value=np.nan))
 
     def _angle(self, key: str) -> str:
         angle = units.guess_angle(self.columns.get(key, ""), self._numbers(key))
@@ -140,8 +140,8 @@ class _Proposal:
             return
         counts = self.table[self.columns["category"]].astype(str).value_counts()
         for name, count in counts.iloc[:MOST_CATEGORIES].items():
-            known = _class_in(str(name)) or "null"
-            yield f"  {_text(str(name))}: {known}   # {count / len(self.table):.1%}"
+            class_name = _class_in(str(name)) or "null"
+            yield f"  {_text(str(name))}: {class_name}   # {count / len(self.table):.1%}"
 
     def _drives(self) -> Iterator[str]:
         if "drive" not in self.columns:
@@ -153,8 +153,10 @@ class _Proposal:
 
 
 def _class_in(category: str) -> str | None:
-    found = (c for c, told in _NAMES["classes"].items() if re.search(told, category, re.IGNORECASE))
-    return next(found, None)
+    for name, pattern in _NAMES["classes"].items():
+        if re.search(pattern, category, re.IGNORECASE):
+            return str(name)
+    return None
 
 
 def _in_english(name: str) -> str:
@@ -174,11 +176,11 @@ def guess_columns(columns: Sequence[str]) -> dict[str, str]:
 
 def _likeness(name: str, usual: str) -> float:
     """Compare names: 1 for a usual name, a little less for a later one."""
-    own = {units.plain(name), units.without_unit(name), _in_english(units.without_unit(name))}
-    own |= {re.sub("^(object|obj|box)_|_(object|obj|box)$", "", mine) for mine in own}
+    forms = {units.plain(name), units.without_unit(name), _in_english(units.without_unit(name))}
+    forms |= {re.sub("^(object|obj|box)_|_(object|obj|box)$", "", form) for form in forms}
     return max(
-        SequenceMatcher(None, mine, other).ratio() - 0.001 * place
-        for mine in own
+        SequenceMatcher(None, form, other).ratio() - 0.001 * place
+        for form in forms
         for place, other in enumerate(usual.split())
     )
 
@@ -200,4 +202,4 @@ def _text(name: str) -> str:
 
 
 _WORDS = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
-"""That YAML takes for something else."""
+"""Texts that YAML takes for something else."""

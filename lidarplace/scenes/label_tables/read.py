@@ -36,11 +36,11 @@ class Track(NamedTuple):
 
     def at(self, stamps: Stamps) -> Poses:
         """Interpolate level poses of the file's vehicle frame at these times; ValueError beyond."""
-        found = np.empty((len(stamps.value), 4))
+        poses = np.empty((len(stamps.value), 4))
         for drive in pd.unique(stamps.drive):
-            asked, own = stamps.drive == drive, self.stamps.drive == drive
-            time, first = np.unique(self.stamps.value[own], return_index=True)
-            value = stamps.value[asked]
+            rows, of_drive = stamps.drive == drive, self.stamps.drive == drive
+            time, first = np.unique(self.stamps.value[of_drive], return_index=True)
+            value = stamps.value[rows]
             if not len(time):
                 raise InputError(f"no pose of drive {drive!r}", place=self.source, key="poses")
             outside = (value < time[0] - self.slack) | (value > time[-1] + self.slack)
@@ -49,10 +49,10 @@ class Track(NamedTuple):
                 expected = f"{time[0]:.16g} to {time[-1]:.16g}"
                 parts = {"expected": expected, "found": f"{value[np.argmax(outside)]:.16g}"}
                 raise InputError(problem, place=self.source, key="poses", **parts)
-            pose = self.pose[own][first]
+            pose = self.pose[of_drive][first]
             pose[:, 3] = np.unwrap(pose[:, 3])
-            found[asked] = np.stack([np.interp(value, time, column) for column in pose.T], 1)
-        return Poses(found[:, :3], Rotation.from_rotvec(found[:, 3:] * [0.0, 0.0, 1.0]))
+            poses[rows] = np.stack([np.interp(value, time, column) for column in pose.T], 1)
+        return Poses(poses[:, :3], Rotation.from_rotvec(poses[:, 3:] * [0.0, 0.0, 1.0]))
 
 
 def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, source: str) -> Track:
@@ -107,8 +107,8 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
     boxes["class"] = _classes(table, mapping, source)
     boxes["scene"], boxes["frame"] = stamps.drive, frame
     boxes["timestamp_s"] = frames["timestamp_s"].to_numpy()[frame]
-    own = texts(table, columns.object, source) if columns.object else boxes.index.map(str)
-    boxes["object_id"] = own
+    ids = texts(table, columns.object, source) if columns.object else boxes.index.map(str)
+    boxes["object_id"] = ids
     if columns.points is not None:
         boxes[POINTS] = counts_if_known(table, columns.points, source)
     ignored.update(texts(table, columns.category, source)[boxes["class"] == IGNORE])

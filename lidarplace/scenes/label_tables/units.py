@@ -19,7 +19,7 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 DISTANCES = (300.0, 6000.0)
 """Median distance of a box from the vehicle from which it is in centimetres, and in millimetres."""
 EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}
-"""Time since 1970 has this size: from 2001 on."""
+"""Time since 1970 by unit: at least this from 2001 on."""
 
 
 class Guess(NamedTuple):
@@ -31,8 +31,8 @@ class Guess(NamedTuple):
 
 def guess_angle(name: str, values: NDArray[np.float64]) -> Guess:
     """Guess the unit of a yaw."""
-    if (told := unit_in(name)) in RADIANS:
-        return Guess(told, "by its name")
+    if (unit := unit_in(name)) in RADIANS:
+        return Guess(unit, "by its name")
     largest = np.nanmax(np.abs(values), initial=0.0)
     turned = values[np.isfinite(values) & (values != 0)]
     if largest > 2 * math.pi + 0.01:
@@ -42,18 +42,18 @@ def guess_angle(name: str, values: NDArray[np.float64]) -> Guess:
     return Guess("rad", f"up to {largest:.5g}")
 
 
-def guess_length(name: str, median: float, limits: tuple[float, float], what: str) -> Guess:
+def guess_length(name: str, median: float, limits: tuple[float, float], quantity: str) -> Guess:
     """Guess the unit of lengths by their median; from `limits` on they are cm, and mm."""
-    if (told := unit_in(name)) in METRES:
-        return Guess(told, "by its name")
+    if (unit := unit_in(name)) in METRES:
+        return Guess(unit, "by its name")
     unit = "m" if not median >= limits[0] else "cm" if median < limits[1] else "mm"
-    return Guess(unit, f"{what} is {median:.5g} in the median")
+    return Guess(unit, f"{quantity} is {median:.5g} in the median")
 
 
 def guess_time(name: str, largest: float, step: float) -> Guess:
     """Guess the unit of time stamps up to `largest`, `step` apart in the median."""
-    if (told := unit_in(name)) in SECONDS:
-        return Guess(told, "by its name")
+    if (unit := unit_in(name)) in SECONDS:
+        return Guess(unit, "by its name")
     for epoch, size in EPOCH.items():
         if size <= largest < 10 * size:
             return Guess(epoch, f"{largest:.4g} is a time since 1970")

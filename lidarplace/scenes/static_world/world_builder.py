@@ -56,8 +56,8 @@ def static_worlds(log: BoxLog, clouds: Iterable[PointClouds]) -> dict[str, Stati
     `clouds` are of its frames, in the ego frame; those of a scene follow each other. Raises
     ValueError if a frame has no pose, a scene no rig, or clouds distinguish other LiDARs."""
     if missing := [name for name in POSE_COLUMNS if name not in log.frames.columns]:
-        problem, found = "a static world needs poses of the vehicle", f"no {', '.join(missing)}"
-        raise InputError(problem, place="frames", expected=", ".join(POSE_COLUMNS), found=found)
+        problem, names = "a static world needs poses of the vehicle", f"no {', '.join(missing)}"
+        raise InputError(problem, place="frames", expected=", ".join(POSE_COLUMNS), found=names)
     poses = full_poses(log.frames)
     scene_of = dict(zip(log.frames["frame"].tolist(), log.frames["scene"], strict=True))
     rows_of = log.boxes.groupby("frame").indices
@@ -141,9 +141,9 @@ class WorldBuilder:
         shift = np.asarray(position - self._origin)
         limits = np.array([HALF_TILES, HALF_TILES, HALF_LEVELS / TILE]) * TILE_M - 2 * REACH_M
         if (np.abs(shift) > limits).any():
-            place, found = f"poses: frame {self._frames}", f"{np.abs(shift).max():.4g} m"
+            place, away = f"poses: frame {self._frames}", f"{np.abs(shift).max():.4g} m"
             expected = f"at most {limits[0]:.4g} m, and {limits[2]:.4g} m of height, from the first"
-            raise InputError(place=place, expected=expected, found=found)
+            raise InputError(place=place, expected=expected, found=away)
         self._path.append(shift)
         self._frames += 1
         return shift

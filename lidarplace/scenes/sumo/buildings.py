@@ -28,15 +28,15 @@ def overlaps(traffic: Trajectories) -> NDArray[np.int64]:
     half = np.array([(user.length, user.width) for user in traffic.users]) / 2
     radius = np.hypot(*half.T)
     reach = radius[:, None] + radius
-    found = []
+    pairs = []
     for step, pose in enumerate(traffic.pose):
         distance = np.hypot(*(pose[:, None, :2] - pose[None, :, :2]).transpose(2, 0, 1))
         level = np.abs(traffic.z[step][:, None] - traffic.z[step]) <= LEVEL_M
         a, b = np.nonzero(np.triu((distance <= reach) & level, 1))  # False where NaN
         users = np.hstack([pose, half])
         meet = rectangles_meet(users[a], users[b])
-        found.append(np.stack([np.full(meet.sum(), step), a[meet], b[meet]], axis=1))
-    return np.concatenate(found)
+        pairs.append(np.stack([np.full(meet.sum(), step), a[meet], b[meet]], axis=1))
+    return np.concatenate(pairs)
 
 
 def rectangles_meet(a: Rectangles, b: Rectangles) -> NDArray[np.bool_]:
@@ -129,11 +129,11 @@ def _frontage(
     shape = np.array(lane.getShape(), np.float64)[:, :2]
     steps = np.diff(shape, axis=0)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
-    sidewalk = any(own.allows("pedestrian") and not own.allows("passenger") for own in lanes)
+    sidewalk = any(each.allows("pedestrian") and not each.allows("passenger") for each in lanes)
     lane_count = min(max(_drive_lanes(edge), 1), BROAD)
     street = sidewalk and lane_count < BROAD
     setbacks = SETBACK_M if street else np.multiply(VERGE_M, lane_count)
-    found = []
+    buildings = []
     place = rng.uniform(-lengths[0], gaps[1])
     while place < along[-1]:
         length, depth = rng.uniform(*lengths), rng.uniform(*depths)
@@ -144,9 +144,9 @@ def _frontage(
             yaw = np.arctan2(y1 - y0, x1 - x0)
             out = left * (lane.getWidth() / 2 + setback + depth / 2)
             x, y = (x0 + x1) / 2 - out * np.sin(yaw), (y0 + y1) / 2 + out * np.cos(yaw)
-            found.append((x, y, yaw, length / 2, depth / 2))
+            buildings.append((x, y, yaw, length / 2, depth / 2))
         place += length + rng.uniform(*gaps)
-    return found
+    return buildings
 
 
 def _roads(network: Net) -> tuple[Rectangles, list[NDArray[np.float64]]]:
@@ -179,40 +179,40 @@ def _roads(network: Net) -> tuple[Rectangles, list[NDArray[np.float64]]]:
     return np.column_stack([(start + end) / 2, yaw, half_length, width]), polygons
 
 
-def _pairs(own: Rectangles, others: Rectangles) -> NDArray[np.int64]:
+def _pairs(rectangles: Rectangles, others: Rectangles) -> NDArray[np.int64]:
     """Return indices (P, 2) of rectangles of both that meet."""
-    found = [np.empty((0, 2), np.int64)]
-    if len(own) and len(others):
-        radius, radii = (np.hypot(*each[:, 3:].T) for each in (own, others))
+    pairs = [np.empty((0, 2), np.int64)]
+    if len(rectangles) and len(others):
+        radius, radii = (np.hypot(*each[:, 3:].T) for each in (rectangles, others))
         # Long ones are searched on their own, lest their reach makes all others neighbours.
         group = np.digitize(radii, np.quantile(radii, [0.5, 0.9]))
         for members in (np.flatnonzero(group == g) for g in range(3) if (group == g).any()):
             tree, reach = cKDTree(others[members, :2]), radius + radii[members].max()
-            near = tree.query_ball_point(own[:, :2], reach)
-            a = np.repeat(np.arange(len(own)), [len(n) for n in near])
+            near = tree.query_ball_point(rectangles[:, :2], reach)
+            a = np.repeat(np.arange(len(rectangles)), [len(n) for n in near])
             b = members[np.concatenate([np.array(n, np.int64) for n in near])]
-            found.append(np.column_stack([a, b])[rectangles_meet(own[a], others[b])])
-    return np.concatenate(found)
+            pairs.append(np.column_stack([a, b])[rectangles_meet(rectangles[a], others[b])])
+    return np.concatenate(pairs)
 
 
-def _meets_any(own: Rectangles, others: Rectangles) -> NDArray[np.bool_]:
-    return np.isin(np.arange(len(own)), _pairs(own, others)[:, 0])
+def _meets_any(rectangles: Rectangles, others: Rectangles) -> NDArray[np.bool_]:
+    return np.isin(np.arange(len(rectangles)), _pairs(rectangles, others)[:, 0])
 
 
-def _first_come(own: Rectangles) -> NDArray[np.bool_]:
+def _first_come(rectangles: Rectangles) -> NDArray[np.bool_]:
     """Return a mask of the rectangles that stay if each gives way to those that stay before it."""
-    stays = np.ones(len(own), bool)
-    pairs = _pairs(own, own)
+    stays = np.ones(len(rectangles), bool)
+    pairs = _pairs(rectangles, rectangles)
     for a, b in pairs[np.lexsort(pairs.T)]:  # by the later one
         if a < b and stays[a]:
             stays[b] = False
     return stays
 
 
-def _inside_any(own: Rectangles, polygons: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
+def _inside_any(rectangles: Rectangles, polygons: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
     """Return a mask of centres inside a polygon: an odd number of its edges is to their right."""
-    inside = np.zeros(len(own), bool)
-    x, y = own[:, :1], own[:, 1:2]
+    inside = np.zeros(len(rectangles), bool)
+    x, y = rectangles[:, :1], rectangles[:, 1:2]
     for polygon in polygons:
         (x0, y0), (x1, y1) = polygon.T, np.roll(polygon, -1, axis=0).T
         straddles = (y0 > y) != (y1 > y)

@@ -125,9 +125,9 @@ def convert_opendrive(path: Path, folder: Path) -> TownMap:
     ]
     if not any(lane.get("type") in SIDEWALKS for lane in root.iter("lane")):
         command += ["--sidewalks.guess", "--sidewalks.guess.max-speed", str(SPEED_M_S)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0 or not network.is_file():
-        errors = [line for line in done.stderr.splitlines() if line.startswith("Error")]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode != 0 or not network.is_file():
+        errors = [line for line in result.stderr.splitlines() if line.startswith("Error")]
         message = " ".join((errors or ["Error: no network came out"])[0].split())
         raise InputError(f"not an OpenDRIVE map: netconvert: {message}", place=path)
     return TownMap(network, mirrored=lefthand)
@@ -162,9 +162,9 @@ def read_opendrive(path: Path) -> Element:
         for lane in road.iter("lane"):
             for name in ("id", "type"):
                 if name not in lane.attrib:
-                    which = f"lane {lane.get('id')}" if name == "type" else "a lane"
+                    label = f"lane {lane.get('id')}" if name == "type" else "a lane"
                     place = f"{path}: road {road.get('id')}"
-                    raise InputError(f"{which} has no {name}", place=place)
+                    raise InputError(f"{label} has no {name}", place=place)
     return root
 
 
@@ -180,7 +180,7 @@ def drives_left(root: Element, path: Path) -> bool:
             raise InputError(place=place, key="rule", expected=expected, found=repr(rule))
         first.setdefault(rule, road.get("id"))
     if len(first) > 1:
-        found = f"road {first['LHT']} with rule LHT, road {first['RHT']} with RHT or none"
+        roads = f"road {first['LHT']} with rule LHT, road {first['RHT']} with RHT or none"
         expected = "either left-hand or right-hand traffic"
-        raise InputError(place=path, expected=expected, found=found)
+        raise InputError(place=path, expected=expected, found=roads)
     return "LHT" in first

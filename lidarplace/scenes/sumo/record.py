@@ -147,11 +147,11 @@ def moved(position: NDArray[np.float64], distance: float) -> NDArray[np.int64]:
     """Select the steps at which something is `distance` from where it last was selected.
 
     `position` has shape (F, 2); the first step is always among them."""
-    kept = [0]
+    steps = [0]
     for step, place in enumerate(position):
-        if step and math.dist(place, position[kept[-1]]) >= distance:
-            kept.append(step)
-    return np.array(kept, np.int64)
+        if step and math.dist(place, position[steps[-1]]) >= distance:
+            steps.append(step)
+    return np.array(steps, np.int64)
 
 
 def boxes_around(

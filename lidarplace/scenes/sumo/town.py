@@ -35,8 +35,8 @@ def sumo_home() -> Path:
         import sumo
         import sumolib  # noqa: F401
     except ModuleNotFoundError as error:
-        told = needs(error) or f"needs the package {error.name}"
-        raise ModuleNotFoundError(f"simulated traffic {told}", name=error.name) from error
+        problem = needs(error) or f"needs the package {error.name}"
+        raise ModuleNotFoundError(f"simulated traffic {problem}", name=error.name) from error
     return Path(sumo.SUMO_HOME)
 
 
@@ -63,7 +63,7 @@ def build_town(seed: int, folder: Path) -> Path:
         *("--default.bikelane-width", "1.5"),
         *("--xml-validation", "never", "--no-warnings"),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise RuntimeError(f"netgenerate failed: {done.stderr.strip()}")
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode != 0:
+        raise RuntimeError(f"netgenerate failed: {result.stderr.strip()}")
     return network

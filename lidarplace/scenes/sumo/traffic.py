@@ -99,18 +99,19 @@ def write_demand(
         graph = foot if kind is PEDESTRIAN else drives[kind.sumo_class]
         if not graph.edges:
             if kind is PEDESTRIAN:
-                problem, found = "no sidewalks that lead on and on", scene.pedestrians
-                raise InputError(problem, place=town, key="pedestrians", expected=0, found=found)
+                problem, key = "no sidewalks that lead on and on", "pedestrians"
+                asked_for = scene.pedestrians
+                raise InputError(problem, place=town, key=key, expected=0, found=asked_for)
             raise InputError(f"no lanes that lead a {kind.name} on and on", place=town)
         start = graph.anywhere(rng)
         edges = " ".join(graph.walk(SPARE * scene.seconds, rng, start))
-        own = {"id": user.id, "type": user.id, "depart": "0"}
+        start_of = {"id": user.id, "type": user.id, "depart": "0"}
         if kind is PEDESTRIAN:
-            person = ElementTree.SubElement(root, "person", own, departPos="random")
+            person = ElementTree.SubElement(root, "person", start_of, departPos="random")
             ElementTree.SubElement(person, "walk", edges=edges)
         else:
-            own["departLane"] = graph.keys[start].rpartition("_")[2]
-            vehicle = ElementTree.SubElement(root, "vehicle", own, departPos="random_free")
+            start_of["departLane"] = graph.keys[start].rpartition("_")[2]
+            vehicle = ElementTree.SubElement(root, "vehicle", start_of, departPos="random_free")
             ElementTree.SubElement(vehicle, "route", edges=edges)
     ElementTree.ElementTree(root).write(path)
     return Demand(sorted(users, key=lambda user: user.id), drives)

@@ -98,13 +98,13 @@ def _command(network: Path, routes: Path, seed: int) -> list[str]:
 def _silent() -> Iterator[None]:
     """Send what C++ code writes to standard output and error to nowhere; errors are raised."""
     null = os.open(os.devnull, os.O_WRONLY)
-    kept = [os.dup(stream) for stream in (1, 2)]
+    copies = [os.dup(stream) for stream in (1, 2)]
     try:
         for stream in (1, 2):
             os.dup2(null, stream)
         yield
     finally:
-        for stream, copy in zip((1, 2), kept, strict=True):
+        for stream, copy in zip((1, 2), copies, strict=True):
             os.dup2(copy, stream)
             os.close(copy)
         os.close(null)

@@ -66,10 +66,10 @@ def drive_graph(network: Net, sumo_class: str) -> WalkGraph:
     for lane in lanes:
         edge = lane.getEdge()
         states[lane.getID()] = (edge.getID(), lane.getLength(), lane.getSpeed())
-        beside = edge.getLanes() if edge.getLength() >= CHANGE_M else [lane]
-        found = {way for other in beside for way in onward.get(other.getID(), ())}
-        ahead = {target for target, back in found if not back}
-        ways[lane.getID()] = ahead or {target for target, _ in found}
+        exits = edge.getLanes() if edge.getLength() >= CHANGE_M else [lane]
+        targets = {way for other in exits for way in onward.get(other.getID(), ())}
+        ahead = {target for target, back in targets if not back}
+        ways[lane.getID()] = ahead or {target for target, _ in targets}
     return _component(states, ways)
 
 
@@ -142,17 +142,19 @@ def _component(states: dict[Any, tuple[str, float, float]], ways: dict[Any, set[
     leads_on = np.zeros(len(keys), bool)
     leads_on[[a for a, b in arcs if labels[a] == labels[b]]] = True
     totals = np.bincount(labels, weights=length * leads_on) if len(keys) else np.zeros(1)
-    kept = np.flatnonzero((labels == totals.argmax()) & leads_on)
-    new = {int(old): k for k, old in enumerate(kept)}
-    following: list[list[int]] = [[] for _ in kept]
+    members = np.flatnonzero((labels == totals.argmax()) & leads_on)
+    new = {int(old): k for k, old in enumerate(members)}
+    following: list[list[int]] = [[] for _ in members]
     for a, b in arcs:
         if a in new and b in new:
             following[new[a]].append(new[b])
-    chosen = [states[keys[k]] for k in kept]
-    own = [keys[k] for k in kept]
+    chosen = [states[keys[k]] for k in members]
+    keys = [keys[k] for k in members]
     edges, metres = [edge for edge, _, _ in chosen], [length for _, length, _ in chosen]
     seconds = [length / speed for _, length, speed in chosen]
-    return WalkGraph(own, edges, following, metres, seconds, {key: n for n, key in enumerate(own)})
+    return WalkGraph(
+        keys, edges, following, metres, seconds, {key: n for n, key in enumerate(keys)}
+    )
 
 
 def _components(nodes: int, arcs: list[tuple[int, int]], connection: str) -> NDArray[np.int32]:
