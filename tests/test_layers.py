@@ -92,7 +92,7 @@ FLOORS = {
         "main",
         "run",
     ),
-    "sweeps.search": ("problem", "greedy trials", "cheapest judgement", "output", "adapt run"),
+    "sweeps.search": ("problem", "greedy trials", "cheapest verification", "output", "adapt run"),
 }
 """Files and folders of a package, each on the floor above all that it imports, ground first.
 

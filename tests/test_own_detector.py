@@ -12,8 +12,8 @@ import torch
 import yaml
 from torch import nn
 
-from lidarplace.base import registry
 from lidarplace.base.errors import InputError
+from lidarplace.base.plugin_folders import PLUGINS, plugin_folder
 from sweeps.execution.failures import Failure
 from sweeps.execution.ray_cluster import _plug_ins
 from sweeps.tasks import code_version
@@ -34,14 +34,12 @@ RANGE = (0.0, -20.0, 0.0, 40.0, 20.0, 4.0)
 
 
 @pytest.fixture
-def plugins(monkeypatch):
+def plugins():
     """As in a new process: no plug-in was asked for."""
-    plugins = registry.PLUGINS
-    monkeypatch.setattr(sys, "path", list(sys.path))
     known = set(sys.modules)
-    plugins.clear()
-    yield plugins
-    plugins.clear()
+    PLUGINS.clear()
+    yield PLUGINS
+    PLUGINS.clear()
     for name in set(sys.modules) - known:
         if name.partition(".")[0] in ("own_detector", "broken"):
             del sys.modules[name]
@@ -124,10 +122,10 @@ def test_installed_it_has_a_name(tmp_path):
     assert "heat_head" in done.stdout, done.stderr
 
 
-def test_its_code_reaches_workers_and_keys(plugins, tmp_path, monkeypatch):
+def test_its_code_reaches_workers_and_keys(plugins, tmp_path):
     shutil.copytree(EXAMPLE / "own_detector", tmp_path / "own_detector")
-    monkeypatch.setattr(registry, "FOLDERS", [tmp_path])
-    build_detector(NETWORK, ["Car"])
+    with plugin_folder(tmp_path):
+        build_detector(NETWORK, ["Car"])
     assert _plug_ins() == [str(tmp_path / "own_detector")]
     assert code_of("evaluate", f"{NETWORK}_tiny") == (code := code_of("evaluate", NETWORK))
     text = (tmp_path / "own_detector/nets.py").read_text()

@@ -38,14 +38,14 @@ def main(
     """A row a rig and metric; rigs that are there already are left out."""
     sweep, plan = read_plan(config, set_ or [])
     store = store_of(sweep)
-    by_judge: dict[str, dict[str, list[Trial]]] = {}
+    by_evaluator: dict[str, dict[str, list[Trial]]] = {}
     for trial in plan.trials:
         point = trial.grid_point.point
-        by_judge.setdefault(point.judge, {}).setdefault(point.placement, []).append(trial)
+        by_evaluator.setdefault(point.evaluator, {}).setdefault(point.placement, []).append(trial)
     done = set(pd.read_csv(out)["placement"]) if out.exists() else set()
     for name in [name for name in rigs.split(",") if name not in done]:
-        own = by_judge["specialist"][name]
-        judge = by_judge["generalist"][name][0]
+        own = by_evaluator["specialist"][name]
+        judge = by_evaluator["generalist"][name][0]
         found = {
             "own": pd.concat([_metrics(store, trial) for trial in own]),
             "as trained": _metrics(store, judge),

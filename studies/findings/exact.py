@@ -67,7 +67,7 @@ def gain(target: str, rig: str | None = None) -> str:
 @cache
 def both(target: str) -> pd.DataFrame:
     """Means over generalists of exact and of real mounts, by rig."""
-    real = read("main_results").query("judge == 'generalist'")
+    real = read("main_results").query("evaluator == 'generalist'")
     tables = {"exact": read("exact_results"), "real": real}
     return pd.DataFrame(
         {

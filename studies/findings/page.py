@@ -157,7 +157,7 @@ def _counts() -> dict[str, int]:
         "routes": individuals["route"].nunique(),
         "trainings": len(own[["placement", "seed"]].drop_duplicates()),
         "seeds": own["seed"].nunique(),
-        "generalists": results.loc[results["judge"] == "generalist", "seed"].nunique(),
+        "generalists": results.loc[results["evaluator"] == "generalist", "seed"].nunique(),
     }
 
 

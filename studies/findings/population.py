@@ -197,7 +197,7 @@ def _both(predictor: str, target: str, kind: str) -> tuple[pd.Series, pd.DataFra
 def _reached(target: str, kind: str) -> pd.DataFrame:
     rigs = populations()[kind]
     if kind == NEW:
-        rows = read("random_results").query("judge == 'specialist'")
+        rows = read("random_results").query("evaluator == 'specialist'")
         rows = of(rows[rows["placement"].isin(rigs)], SHORT[target])
     else:
         rows = of(RigResults(rigs).results, SHORT[target])
@@ -211,7 +211,7 @@ def _predicted(predictor: str, target: str, kind: str) -> pd.Series:
             return pd.Series(dtype=np.float64)  # those of the space were not asked
         shipped = "random_results" if new else "shipped_results"
         rows = read("main_results" if predictor == "generalist" else shipped)
-        rows = rows[rows["judge"] == predictor]
+        rows = rows[rows["evaluator"] == predictor]
         return of(rows, SHORT[target]).groupby("placement")["value"].mean()
     object_class = SHORT[target][0]
     if predictor == DRAWN:

@@ -41,7 +41,7 @@ HEADLINES = ("Car AP over IoU", "recall of all")
 def trials(overrides: Sequence[str] = ()) -> dict[str, Trial]:
     """The plan of every rig on the log of the package, without detector unless overrides say so."""
     scene = f"scene={{source: log, folder: {json.dumps(str(LOG))}, seed: 1}}"
-    one = ["detector=null", "grid.judge=[specialist]", "grid.seed=[1]"]
+    one = ["detector=null", "grid.evaluator=[specialist]", "grid.seed=[1]"]
     _, plan = read_plan(FOLDER / "rigs.yaml", [scene, *one, *overrides])
     return {trial.grid_point.point.placement: trial for trial in plan.trials}
 

@@ -170,12 +170,12 @@ def scenes(config: Path, overrides: Sequence[str] = ()) -> Found:
         check_memory(plan.tasks, sweep.common.ray.address)
     except ValueError as error:
         return Found(" ".join(str(error).split()), "missing", f"correct {config}")
-    for judge in {own.params.judge for own in plan.tasks if own.stage == "command"}:
-        program = shlex.split(judge.command)[0]
-        place = str(judge.folder / program) if "/" in program else program
+    for evaluator in {own.params.evaluator for own in plan.tasks if own.stage == "command"}:
+        program = shlex.split(evaluator.command)[0]
+        place = str(evaluator.folder / program) if "/" in program else program
         if program != "{python}" and shutil.which(place) is None:
-            found = f"judge.command: no program {program}; found none at {place}"
-            return Found(found, "missing", "install it, or correct judge.command")
+            found = f"evaluator.command: no program {program}; found none at {place}"
+            return Found(found, "missing", "install it, or correct evaluator.command")
     return Found(f"{len(plan.trials)} trials, {len(plan.tasks)} tasks")
 
 

@@ -11,6 +11,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.command_line.invocation import command
 from lidarplace.command_line.terminal import output, say
 from lidarplace.command_line.verbs import checked_input, new_app, verb
+from lidarplace.configuration.renamed_keys import current_key
 
 if TYPE_CHECKING:
     from tracking.findings.failures import Failures
@@ -35,7 +36,7 @@ def failures(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUE",
-            help="detector or value of a further axis, such as judge=generalist; repeatable",
+            help="detector or value of a further axis, such as evaluator=generalist; repeatable",
         ),
     ] = None,
     out: Annotated[
@@ -122,7 +123,10 @@ def _two(rigs: str, run: RunFolder) -> tuple[str, str]:
 
 def _holds(group: Group, where: list[str]) -> bool:
     place = {key: str(value) for key, value in group.place.items()}
-    return all(place.get(key) == value for key, _, value in (own.partition("=") for own in where))
+    return all(
+        place.get(current_key(key)) == value
+        for key, _, value in (own.partition("=") for own in where)
+    )
 
 
 def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]:

@@ -14,6 +14,7 @@ from pydantic import BaseModel
 from lidarplace.base.class_names import check_among
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.metrics import METRICS, RANKING
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
@@ -76,7 +77,7 @@ def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
     """Read `path`, apply `KEY=VALUE` overrides (values are YAML), check all and build the grid.
     Raises ConfigError."""
     raw = read_named(path, overrides, SweepFile)
-    with at(path, ConfigError):
+    with at(path, ConfigError), plugin_folder(path.parent):
         sweep = build_sweep(raw, path)
         _check_mounts(sweep)
         return sweep
@@ -120,8 +121,8 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
                 key: reduce(getitem, key.split("."), plain) for _, own in rungs for key in own
             }
             axes |= set_by_rungs
-            if "judge" in axes:
-                axes["judge"] = point.judged_by
+            if "evaluator" in axes:
+                axes["evaluator"] = point.evaluator_name
             points.append(GridPoint(point, rig, axes, rung, tuple(set_by_rungs)))
     if not points:
         raise InputError("no point of the grid is left", key="exclude")
@@ -178,8 +179,8 @@ def _trained_rungs(common: Common, grid: Mapping[str, Any]) -> list[tuple[int, d
         for key in rung.set:
             if key in grid:
                 raise InputError("is an axis of the grid", key=f"{where}.{key}")
-            if key != "judge" and not key.startswith("training."):
-                expected = "judge or a key of training, such as training.epochs"
+            if key != "evaluator" and not key.startswith("training."):
+                expected = "evaluator or a key of training, such as training.epochs"
                 raise InputError(key=f"{where}.{key}", expected=expected)
         refuse_overlaps(rung.set, where, grid, "an axis of the grid")
         if rung.set:
@@ -196,9 +197,11 @@ def _check_rungs(common: Common, point: Point) -> None:
             raise InputError(f"{rung.by} is not among surrogate.names", key=f"{key}.by")
         if rung.by in RANKING and rung.by not in (*METRICS.own, *point.metrics):
             raise InputError(f"{rung.by} is not among metrics", key=f"{key}.by")
-        own = {key.removeprefix("training."): v for key, v in rung.set.items() if key != "judge"}
+        own = {
+            key.removeprefix("training."): v for key, v in rung.set.items() if key != "evaluator"
+        }
         shorter = point.training.model_copy(update=own)
-        cheaper = rung.set.get("judge") in ONE_FOR_ALL and point.judge not in ONE_FOR_ALL
+        cheaper = rung.set.get("evaluator") in ONE_FOR_ALL and point.evaluator not in ONE_FOR_ALL
         if rung.set and not cheaper and _effort(shorter) >= _effort(point.training):
             problem = "these trainings see as many frames as the full ones"
             fix = "lower training.epochs or training.frame_share"
@@ -251,10 +254,12 @@ def _axes(raw: Mapping[str, Any]) -> dict[str, list[Any]]:
                 raise InputError(f"duplicate value {found(value)}", key=key)
             seen.add(_key(value))
     refuse_overlaps(grid, "grid")
-    names = [own.get("name", "command") for own in grid.get("judge", ()) if isinstance(own, dict)]
+    names = [
+        own.get("name", "command") for own in grid.get("evaluator", ()) if isinstance(own, dict)
+    ]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"duplicate name {found(name)} of commands", key="grid.judge")
+            raise InputError(f"duplicate name {found(name)} of commands", key="grid.evaluator")
     points = math.prod(len(values) for values in grid.values())
     if points > MOST_POINTS:
         expected = f"at most {MOST_POINTS:,} points"

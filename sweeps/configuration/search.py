@@ -135,7 +135,7 @@ class ObjectiveSettings(Settings):
         description="a surrogate of the POG or of objects, a measured value, the price, the power, "
         "or the margin: the smallest ratio of found to needed over all requirements"
     )
-    judge: Literal["generalist", "pretrained"] | None = Field(
+    evaluator: Literal["generalist", "pretrained"] | None = Field(
         None,
         description="who measures a measured value: "
         "generalist: one detector, trained on many rigs of the space, evaluates a trial in "
@@ -179,7 +179,7 @@ class ObjectiveSettings(Settings):
     @property
     def name(self) -> str:
         """Such as `expected_ig.Car`, or `expected_ig` for a sum over classes."""
-        by = f"{self.judge}.{self.by}" if self.judged else str(self.by)
+        by = f"{self.evaluator}.{self.by}" if self.judged else str(self.by)
         if self.weights is not None and len(self.weights) == 1:
             by = f"{by}.{next(iter(self.weights))}"
         return " and ".join((by, *self.also))
@@ -212,15 +212,15 @@ class ObjectiveSettings(Settings):
     @property
     def judged(self) -> bool:
         """Whether a generalist measures it."""
-        return self.judge is not None
+        return self.evaluator is not None
 
 
 def _objective(value: Any) -> Any:
     if not isinstance(value, str):
         return value
     how: dict[str, Any] = {}
-    if (judge := value.partition(".")[0]) in (GENERALIST, PRETRAINED):
-        how |= {"judge": judge}
+    if (evaluator := value.partition(".")[0]) in (GENERALIST, PRETRAINED):
+        how |= {"evaluator": evaluator}
         value = value.partition(".")[2] or DEFAULT_METRIC
     value, *also = (part.strip() for part in value.split(" and "))
     module, colon, value = value.rpartition(":")
@@ -346,7 +346,7 @@ class SearchSettings(Settings):
         tuple[Annotated[ObjectiveSettings, BeforeValidator(_objective)], ...],
         BeforeValidator(_several),
     ] = Field(
-        (ObjectiveSettings(by=DEFAULT_METRIC, judge=GENERALIST),),
+        (ObjectiveSettings(by=DEFAULT_METRIC, evaluator=GENERALIST),),
         min_length=1,
         description="one or several; expected_ig.Car is short for one class; generalist by default",
     )
@@ -412,7 +412,7 @@ class SearchSettings(Settings):
                 if getattr(self, key) != type(self).model_fields[key].default:
                     raise InputError("applies only to objectives of a generalist", key=key)
         if self.adapt is not None:
-            if not all(o.judge == PRETRAINED or not o.measured for o in self.objective):
+            if not all(o.evaluator == PRETRAINED or not o.measured for o in self.objective):
                 raise InputError("is for an objective that begins with pretrained", key="adapt")
             if not measured or self.adapt >= self.trials:
                 raise InputError(key="adapt", expected="fewer than `trials`", found=self.adapt)

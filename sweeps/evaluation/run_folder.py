@@ -69,11 +69,11 @@ def check_free(folder: Path) -> None:
 
 
 def write_evaluation(
-    folder: Path, found: Worth, asked: Asked, judge: str
+    folder: Path, found: Worth, asked: Asked, evaluator: str
 ) -> tuple[Analysis, FailureFrames | None]:
     """Write all that reports read; return the analysis of the folder and the frames to show.
 
-    The judge is "generalist" if one network made all detections.
+    The evaluator is "generalist" if one network made all detections.
     """
     test = asked.test
     folder.mkdir(parents=True, exist_ok=True)
@@ -101,7 +101,7 @@ def write_evaluation(
         roi=test.roi,
         frames=Frames(train=0, test=len(test.log.frames)),
         cautions=tuple(asked.cautions),
-        judge=judge,
+        evaluator=evaluator,
         detections={name: tuple(own) for name, own in asked.paths.items()},
     ).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run

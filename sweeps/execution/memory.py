@@ -78,5 +78,5 @@ class Need:
 
 def need_of(task: Task, gpus_per_training: float) -> Need:
     if isinstance(task.params, CommandParams):
-        return Need(gpu_share=task.params.judge.gpus, cpus=task.params.judge.cpus)
+        return Need(gpu_share=task.params.evaluator.gpus, cpus=task.params.evaluator.cpus)
     return Need(voxel_memory(task), gpus_per_training if task.gpu else 0.0)

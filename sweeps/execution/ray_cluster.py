@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import Any
 
 from lidarplace.base.errors import InputError, at
-from lidarplace.base.foreign_code import PLUGINS
+from lidarplace.base.plugin_folders import PLUGINS
 from lidarplace.command_line.signals import Terminated, signals_held, stopped_by_signals
 from sweeps import PACKAGES
 from sweeps.configuration.sweep import RaySettings

@@ -78,7 +78,7 @@ def tags(trial: Trial, axes: Sequence[str]) -> dict[str, object]:
     else:
         place["density"] = scene["density"]
         place["town"] = ", ".join(scene["towns"])
-    own = {"placement": point.placement, "detector": point.detected_by, "seed": point.seed}
+    own = {"placement": point.placement, "detector": point.detector_name, "seed": point.seed}
     return {**own, **place, **axis_values(trial, axes)}
 
 

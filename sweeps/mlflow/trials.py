@@ -106,7 +106,7 @@ class TrialLog(StageProgress):
         point = trial.grid_point.point
         return {
             "placement": point.placement,
-            "detector": point.detected_by,
+            "detector": point.detector_name,
             "seed": point.seed,
             **{axis: trial.grid_point.axes[axis] for axis in self._axes},
             **{f"training.{k}": v for k, v in point.training.model_dump(mode="json").items()},

@@ -77,7 +77,7 @@ def checkpoint_of(
 
 
 def generalist_of(point: Point) -> Generalist:
-    """The generalist of `judge: pretrained`. Raises InputError: the file cannot be read, or
+    """The generalist of `evaluator: pretrained`. Raises InputError: the file cannot be read, or
     belongs to another network."""
     path = point.training.checkpoint or PRETRAINED
     with reading("training.checkpoint"):
@@ -89,14 +89,14 @@ def generalist_of(point: Point) -> Generalist:
 
 
 def outside_of(point: Point, rig: Placement) -> str | None:
-    """How a rig, with the LiDARs of its clouds, the ROI or a class is outside of what `judge:
+    """How a rig, with the LiDARs of its clouds, the ROI or a class is outside of what `evaluator:
     pretrained` was trained on, a line; None if nothing is. Raises as `generalist_of`."""
     roi = point.roi
     crop = crop_for(roi.x, roi.y, roi.z, rig)
     outside = generalist_of(point).domain.outside(rig, crop, point.classes)
     return outside and (
-        f"outside of what judge: pretrained was trained on: {outside}; judge: generalist trains a "
-        "detector for these rigs"
+        f"outside of what evaluator: pretrained was trained on: {outside}; "
+        "evaluator: generalist trains a detector for these rigs"
     )
 
 
@@ -120,7 +120,7 @@ def digests_of(paths: Sequence[Path]) -> tuple[str, ...]:
     """Hashes of the content of files, and of folders with the names in them."""
     found = []
     for path in paths:
-        with reading("judge.depends_on"):
+        with reading("evaluator.depends_on"):
             if path.is_dir():
                 files = (own for own in path.rglob("*") if own.is_file() and own.suffix != ".pyc")
                 parts = [

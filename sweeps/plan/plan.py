@@ -16,6 +16,7 @@ from cachetools import cached
 
 from lidarplace import Lidar, Placement, Roi
 from lidarplace.base.errors import InputError, at
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.collect import crop_for
 from lidarplace.clouds.profiles import with_tilt_in_degrees
@@ -33,7 +34,7 @@ from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.scenes.kinds import scene_parts
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene
-from sweeps.configuration.command import CommandJudge
+from sweeps.configuration.evaluator import EvaluatorCommand
 from sweeps.configuration.file import ConfigError, reading
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.question import check_asked, laid_out
@@ -63,7 +64,7 @@ ACCURACY_VOXELS = 60_000_000
 def read_plan(path: Path, overrides: Sequence[str] = ()) -> tuple[Sweep, Plan]:
     """Read a configuration and plan its sweep. Raises ConfigError that names the file."""
     sweep = read_sweep(path, overrides)
-    with at(path, ConfigError):
+    with at(path, ConfigError), plugin_folder(path.parent):
         return sweep, make_plan(sweep)
 
 
@@ -76,9 +77,9 @@ def make_plan(sweep: Sweep) -> Plan:
     known: dict[str, Trial] = {}
     for trial in trials:
         if (same := known.setdefault(trial.key, trial)) is not trial:
-            judge = trial.grid_point.point.judge
-            seedless = isinstance(judge, CommandJudge) and not judge.uses("seed")
-            hint = ", or name {seed} in judge.command" if seedless else ""
+            evaluator = trial.grid_point.point.evaluator
+            seedless = isinstance(evaluator, EvaluatorCommand) and not evaluator.uses("seed")
+            hint = ", or name {seed} in evaluator.command" if seedless else ""
             problem = f"'{same.label}' and '{trial.label}' are the same trial, which does not "
             problem += f"depend on {_difference(same, trial)}"
             raise InputError(problem, key="grid", fix=f"exclude one{hint}")
@@ -298,30 +299,32 @@ class _Builder:
             collect_test=tuple(test),
         )
         ious = tuple(point.own_ious().items())
-        judge = point.judge
-        if isinstance(judge, CommandJudge):
-            if not judge.folder.is_dir():
-                raise InputError("no such folder", key="judge.folder", found=judge.folder)
-            if (name := secret_argument(shlex.split(judge.command))) is not None:
-                text = f"judge.command: {name} looks like a secret, which config.yaml and MLflow "
+        evaluator = point.evaluator
+        if isinstance(evaluator, EvaluatorCommand):
+            if not evaluator.folder.is_dir():
+                raise InputError("no such folder", key="evaluator.folder", found=evaluator.folder)
+            if (name := secret_argument(shlex.split(evaluator.command))) is not None:
+                text = (
+                    f"evaluator.command: {name} looks like a secret, which config.yaml and MLflow "
+                )
                 self.cautions[f"{text}show; pass it by the environment."] = None
             name = re.sub(r"[^\w.=-]+", "-", trial.label)[:200]
             params = parameters.CommandParams(
-                judge,
-                self._digests_of(judge.depends_on),
+                evaluator,
+                self._digests_of(evaluator.depends_on),
                 point.classes,
-                point.placement if judge.uses("rig") else None,
-                point.seed if judge.uses("seed") else None,
+                point.placement if evaluator.uses("rig") else None,
+                point.seed if evaluator.uses("seed") else None,
                 log=self._common.output / self._common.name / "commands" / f"{name}.log",
             )
             objects = dict.fromkeys(truths["train"] + truths["test"])
             inputs = (*scenes, *collected("train", rig), *test, *objects)
-            found = self._once(Task("command", trial.label, params, inputs, gpu=judge.gpus > 0))
+            found = self._once(Task("command", trial.label, params, inputs, gpu=evaluator.gpus > 0))
             how = parameters.MeasureParams(point.classes, ious, point.metrics)
             inputs = (found, *truths["test"])
             measured = self._once(Task("measure", trial.label, how, inputs))
             return detected(finetune=None, evaluate=measured)
-        if judge == "pretrained":
+        if evaluator == "pretrained":
             detected = partial(detected, ground_truths=tuple(dict.fromkeys(truths["test"])))
             evaluate = self._pretrained(trial, (*test, *truths["test"]), crop)
             return detected(finetune=None, evaluate=evaluate)
@@ -336,9 +339,9 @@ class _Builder:
             **vars(network), seed=point.seed, checkpoint=checkpoint
         )
         before: tuple[Task, ...] = ()
-        if point.judge != "specialist":
+        if point.evaluator != "specialist":
             before = (self._generalist(point, training, collected, truths["train"]),)
-        if point.judge == "generalist":
+        if point.evaluator == "generalist":
             (finetune,) = before
         else:
             inputs = (*before, *collected("train", rig), *truths["train"])
@@ -380,7 +383,7 @@ class _Builder:
         """The training on many rigs: every frame under some of them, every rig in some frames."""
         if point.lidar.misaligned_heights:
             problem = "lidar.misaligned_heights crops the clouds of each rig differently"
-            raise InputError(problem, key="judge", expected="specialist", found=point.judge)
+            raise InputError(problem, key="evaluator", expected="specialist", found=point.evaluator)
         settings = point.generalist
         rigs = self._training_rigs(point)
         every = -(-len(rigs) // min(settings.rigs_per_frame, len(rigs)))
@@ -422,8 +425,8 @@ class _Builder:
         if isinstance(scene, LogScene) and scene.clouds == "recorded":
             if lidar.tilt_in_degrees or lidar.misaligned_heights:
                 raise InputError("recorded clouds have no quirks", key="lidar", fix="remove them")
-            if point.mounting_errors.errors() or point.judge in ("generalist", "finetuned"):
-                fix = "remove judge and mounting_errors"
+            if point.mounting_errors.errors() or point.evaluator in ("generalist", "finetuned"):
+                fix = "remove evaluator and mounting_errors"
                 raise InputError("recorded clouds belong to one rig", key="scene.clouds", fix=fix)
             problem = "does not apply to recorded clouds"
             if point.weather != WeatherSettings():

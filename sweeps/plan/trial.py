@@ -151,6 +151,6 @@ def trial_label(point: Point, axes: Mapping[str, Any]) -> str:
     """The placement, detector, seed and the further axes of a point."""
     others = (axis for axis in axes if axis not in ("placement", "detector", "seed"))
     further = [f"{axis}={axes[axis]}" for axis in others]
-    detector = point.detected_by
+    detector = point.detector_name
     detected = [detector, f"seed {point.seed}"] if detector else []
     return " · ".join([point.placement, *detected, *further])

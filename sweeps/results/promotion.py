@@ -161,7 +161,7 @@ def _standings(
     rows: list[dict[str, Cell]] = [
         {
             "rung": number,
-            "detector": point.detected_by or "",
+            "detector": point.detector_name or "",
             **cells(axes),
             "placement": name,
             "by": rung.by,

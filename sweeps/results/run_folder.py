@@ -274,7 +274,7 @@ def _about(
         frames=frames,
         cautions=cautions,
         promote=[Rung.model_validate(rung) for rung in rungs],
-        judge=first.judged_by,
+        evaluator=first.evaluator_name,
         tracking_uri=public_url(absolute_uri(sweep.common.tracking_uri)),
         cores=run.cores,
         seconds=run.seconds,

@@ -45,7 +45,7 @@ def trial_seconds(trial: Trial, store: Store) -> float:
     training counts for none of the placements that it judges."""
     tasks: tuple[Task, ...] = trial.scores
     if isinstance(trial, DetectorTrial):
-        alone = trial.grid_point.point.judge not in ONE_FOR_ALL
+        alone = trial.grid_point.point.evaluator not in ONE_FOR_ALL
         tasks = (trial.learns, trial.evaluate) if alone else (trial.evaluate,)
     return sum(store.record(task).seconds for task in tasks)
 
@@ -60,7 +60,7 @@ def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
     """Columns that distinguish a trial from others."""
     point = trial.grid_point.point
     own: dict[str, Cell] = {"trial": trial.key, "placement": point.placement}
-    own |= {"detector": point.detected_by or "", "seed": point.seed}
+    own |= {"detector": point.detector_name or "", "seed": point.seed}
     return own | axis_values(trial, axes)
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from sweeps.configuration.search import GENERALIST
-from sweeps.search.judgement.chosen import MOST_CHOSEN
 from sweeps.search.problem.problem import Problem, read_problem
+from sweeps.search.verification.chosen import MOST_CHOSEN
 from tracking.run_folders.search import SearchFolder
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -37,7 +37,7 @@ def second_round(problem: Problem, first: Problem, path: Path, overrides: Sequen
         for name, rig in islice((own for own in rigs if own[1].role == "found"), MOST_CHOSEN)
     }
     assert problem.file.search.adapt is not None
-    adapted = {"judge": GENERALIST}
+    adapted = {"evaluator": GENERALIST}
     changes: dict[str, Any] = {
         "search.adapt": None,
         "search.trials": problem.file.search.trials - problem.file.search.adapt,

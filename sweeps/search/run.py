@@ -21,9 +21,6 @@ from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.page import note
 from sweeps.results.origin import record_origin
 from sweeps.search.greedy.certificate import Certificate, first_params, kept_certificate, why_none
-from sweeps.search.judgement.chosen import choose
-from sweeps.search.judgement.robustness import in_scene, robustness, with_share
-from sweeps.search.judgement.winners import Found, Judged, baseline_of, best_trials, exact, judged
 from sweeps.search.output.run_folder import write_search
 from sweeps.search.output.tables import ABOUT, columns, ended_trials
 from sweeps.search.output.terminal import print_failures, print_found
@@ -32,6 +29,16 @@ from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.by_generalist import GeneralistAnswers
 from sweeps.search.trials.study import Timing, emptied_journal, open_study, quiet, storage_in
 from sweeps.search.trials.traffic import NoTraffic, Pool, SurrogateAnswers, training_traffic
+from sweeps.search.verification.chosen import choose
+from sweeps.search.verification.robustness import in_scene, robustness, with_share
+from sweeps.search.verification.winners import (
+    Found,
+    Judged,
+    baseline_of,
+    best_trials,
+    exact,
+    judged,
+)
 from sweeps.store.local import Store
 from sweeps.store.open import reference
 from sweeps.tasks.task import Task
@@ -52,7 +59,7 @@ def run_search(
     found, good = drive(console, problem.file, store, work)
     good &= not print_failures(console, found) and bool(found.trials)
     if verify and problem.file.verify is not None and found.trials:
-        from sweeps.search.judgement.verify import verify_found
+        from sweeps.search.verification.verify import verify_found
 
         good &= verify_found(console, problem, found, work.command)
         build_search_report(problem.folder)

@@ -62,7 +62,7 @@ def detected_by(
     frames, cautions = frames[frames["frame"].isin(clouds.frames)], list[str]()
     testing = frames[frames["split"] == "test"]
     tested = objects["frame"].isin(testing["frame"])
-    layout = params.judge.format
+    layout = params.evaluator.format
     params.log.parent.mkdir(parents=True, exist_ok=True)
     folder = temporary(params.log).absolute()  # the next driver removes what a killed one leaves
     (found := folder / "detections").mkdir(parents=True)
@@ -75,7 +75,7 @@ def detected_by(
             try:
                 detections = read_detections([found], log, params.classes, layout=layout)
                 compared = detections, objects[tested], testing, params.log.stem
-                accepted = params.judge.accept, "judge.accept: [{}]"
+                accepted = params.evaluator.accept, "evaluator.accept: [{}]"
                 cautions = check_detections(*compared, *accepted)
                 problem = "no detections" if detections.empty else ""
             except ValueError as error:
@@ -91,7 +91,7 @@ def detected_by(
         lines = [_UNSHOWN.sub("", line).strip() for line in text.splitlines()]
         last = " | ".join(list(filter(None, lines))[-_LAST:])[-1000:]
         raise CommandFailed(
-            f"judge.command: {problem}; last lines: {last or 'none'}; log {params.log}"
+            f"evaluator.command: {problem}; last lines: {last or 'none'}; log {params.log}"
         )
     return Judged(detections, testing[["frame"]], cautions)
 
@@ -100,14 +100,14 @@ def _run(params: CommandParams, values: dict[str, object]) -> str:
     """Run the command to its end, and end all that it has started. Returns what went wrong."""
     words = [
         re.sub(r"\{(\w+)\}", lambda name: str(values[name[1]]), word)
-        for word in shlex.split(params.judge.command)
+        for word in shlex.split(params.evaluator.command)
     ]
-    threads = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS"), str(params.judge.cpus))
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS"), str(params.evaluator.cpus))
     read, write = os.pipe()
     with params.log.open("wb") as log:
         process = subprocess.Popen(
             [sys.executable, "-ISc", _GUARD, str(read), *words],
-            cwd=params.judge.folder,
+            cwd=params.evaluator.folder,
             env=os.environ | threads,
             stdin=subprocess.DEVNULL,
             stdout=log,
@@ -117,9 +117,9 @@ def _run(params: CommandParams, values: dict[str, object]) -> str:
         )
     try:
         os.close(read)
-        code = process.wait(params.judge.time_limit)
+        code = process.wait(params.evaluator.time_limit)
     except subprocess.TimeoutExpired:
-        return f"killed after the time limit of {params.judge.time_limit:g} s"
+        return f"killed after the time limit of {params.evaluator.time_limit:g} s"
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)

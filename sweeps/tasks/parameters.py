@@ -22,7 +22,7 @@ from lidarplace.requirements.requirement import Requirement
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.parts import Recording
-from sweeps.configuration.command import CommandJudge
+from sweeps.configuration.evaluator import EvaluatorCommand
 from training.settings import TrainingSettings
 from training.typical_objects import TypicalObject
 
@@ -212,7 +212,7 @@ class CommandParams:
     `{rig}` and `{seed}` stand for; None: the command has them not. `log`: file that gets what it
     prints."""
 
-    judge: CommandJudge
+    evaluator: EvaluatorCommand
     digests: tuple[str, ...]
     classes: tuple[str, ...]
     rig: str | None

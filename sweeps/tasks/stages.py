@@ -407,7 +407,7 @@ def evaluated(
     from training.kitti_ap import evaluation
 
     frames = routes["frame"].tolist()
-    whole = evaluation(objects, found, frames, classes, refined, routes, ious, metrics)
+    whole = evaluation(objects, found, routes, classes, refined, ious, metrics)
     assert whole.left_out is not None  # routes are given
     return Evaluated(
         metrics=whole.metrics,

@@ -114,7 +114,7 @@ fitted: {routes: 4}
 
 COMMAND = {
     "detector": "second",
-    "judge": {
+    "evaluator": {
         "command": "{python} judge.py {clouds} {detections} {rig} {seed}",
         "format": "parquet",
         "name": "mine",
@@ -125,7 +125,7 @@ COMMAND = {
         "time_limit": 60,
     },
 }
-"""A command as the judge, besides what a sweep has."""
+"""A command as the evaluator, besides what a sweep has."""
 
 
 def write_world(folder: Path) -> None:

@@ -8,7 +8,8 @@ from unittest.mock import patch
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from lidarplace.base.registry import PLUGINS, OneOf, PluginError, Registry, _entry_points
+from lidarplace.base.plugin_folders import PLUGINS
+from lidarplace.base.registry import OneOf, PluginError, Registry, _entry_points
 from sweeps.execution.ray_cluster import _cluster_environment, _plug_ins, _python_path
 from sweeps.tasks import code_version
 from sweeps.tasks.task import Task, code_of

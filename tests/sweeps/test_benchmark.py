@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from lidarplace.base.errors import InputError
-from lidarplace.base.registry import PLUGINS
+from lidarplace.base.plugin_folders import PLUGINS
 from sweeps.benchmark import predictors, rigs
 from sweeps.benchmark.markdown import markdown_table
 from sweeps.benchmark.predictors import BUILT_IN, predict

@@ -23,11 +23,11 @@ from sweeps.search.cheapest.choose import _Work, cheapest, cost_of
 from sweeps.search.cheapest.polish import needed_for, polish
 from sweeps.search.cheapest.result import proof
 from sweeps.search.greedy.candidates import candidates_of
-from sweeps.search.judgement import chosen as recall_module
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, ordered
 from sweeps.search.problem.judged_sweep import judged_rigs
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.verification import chosen as recall_module
 from sweeps.tasks.task import with_inputs
 
 MODELS = yaml.safe_load("""

@@ -14,7 +14,7 @@ from sweeps.tasks.stages import FUNCTIONS
 from tests.sweeps.toy import result
 from training import build_detector
 
-SETTINGS = {"placement": "line", "judge": "generalist", "classes": ["Car"]}
+SETTINGS = {"placement": "line", "evaluator": "generalist", "classes": ["Car"]}
 SETTINGS |= {"generalist": {"rigs": 3, "rigs_per_frame": 1, "epochs": 1}}
 SETTINGS |= {"detector": "pointpillars_tiny", "training": {"score_threshold": 0.0}}
 SETTINGS |= {"lidar": {"beams": 8, "azimuth_steps": 180}, "surrogate": {"resolution": 0.8}}

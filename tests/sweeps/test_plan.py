@@ -113,7 +113,7 @@ def test_a_trial_ends_before_the_next_ones_are_trained(tmp_path, workers):
         trained += stage == "finetune"
         evaluated += stage == "evaluate"
         assert trained - evaluated <= workers
-    generalist = {"judge": "generalist", "generalist": FEW}
+    generalist = {"evaluator": "generalist", "generalist": FEW}
     ended = trained_and_evaluated(plan_of(tmp_path, grid=grid, **generalist), workers)
     assert ended.count("pretrain") == 2
     assert ended[:2] == ["pretrain", "evaluate"]
@@ -255,7 +255,7 @@ FEW = {"rigs": 6, "rigs_per_frame": 2, "epochs": 3}
 
 
 def test_a_generalist_is_trained_once_on_rigs_that_it_does_not_judge(tmp_path):
-    grid = {"placement": EIGHT, "judge": ["generalist"], "seed": [1, 2]}
+    grid = {"placement": EIGHT, "evaluator": ["generalist"], "seed": [1, 2]}
     plan = plan_of(tmp_path, generalist=FEW, training={"epochs": 9}, grid=grid)
     assert stages(plan)["pretrain"] == 2
     assert "finetune" not in stages(plan)
@@ -274,24 +274,24 @@ def test_a_generalist_is_trained_once_on_rigs_that_it_does_not_judge(tmp_path):
 
 
 def test_a_generalist_is_shared_by_sweeps_and_by_those_who_start_from_it(tmp_path):
-    grid = {"placement": ["line", "center"], "judge": ["generalist", "specialist", "finetuned"]}
+    grid = {"placement": ["line", "center"], "evaluator": ["generalist", "specialist", "finetuned"]}
     plan = plan_of(tmp_path, generalist=FEW, grid=grid)
     assert stages(plan)["pretrain"] == 1
     (generalist,) = [task for task in plan.tasks if task.stage == "pretrain"]
-    tuned = [t for t in plan.trials if t.grid_point.point.judge == "finetuned"]
+    tuned = [t for t in plan.trials if t.grid_point.point.evaluator == "finetuned"]
     assert [trial.finetune.inputs[0] for trial in tuned] == [generalist] * 2
-    own = [t for t in plan.trials if t.grid_point.point.judge == "specialist"]
+    own = [t for t in plan.trials if t.grid_point.point.evaluator == "specialist"]
     assert all(task.stage != "pretrain" for trial in own for task in trial.finetune.inputs)
     other = {"training": {"epochs": 2}, "scene": {"test_seed": 5}}
     grid = {"placement": ["center", "line"]}
-    same = plan_of(tmp_path, generalist=FEW, judge="generalist", grid=grid, **other)
+    same = plan_of(tmp_path, generalist=FEW, evaluator="generalist", grid=grid, **other)
     assert generalist.key in {task.key for task in same.tasks}
     assert not {trial.evaluate.key for trial in same.trials} & {task.key for task in plan.tasks}
 
 
 def test_a_generalist_s_rigs_can_be_named(tmp_path):
     own = {f"own_{z}": {"mounts": [{"x": 0, "y": 0, "z": z}]} for z in (2, 3)}
-    changes = {"placements": own, "judge": "generalist"}
+    changes = {"placements": own, "evaluator": "generalist"}
     plan = plan_of(tmp_path, generalist={"rigs": list(own)}, **changes)
     (training,) = [task for task in plan.tasks if task.stage == "pretrain"]
     found = [task.params for task in training.inputs if task.stage == "collect"]
@@ -303,7 +303,7 @@ def test_a_generalist_has_the_lidar_model_that_it_judges(tmp_path):
     own = {"own": {"mounts": [{"x": 0, "y": 0, "z": 2, "lidar": {"beams": 64}}]}}
     changes = {"placements": own, "generalist": {"rigs": ["own"]}}
     assert stages(plan_of(tmp_path, **changes))["pretrain"] == 0
-    assert stages(plan_of(tmp_path, judge="generalist", lidar={"beams": 64}, **changes))
+    assert stages(plan_of(tmp_path, evaluator="generalist", lidar={"beams": 64}, **changes))
 
 
 def test_a_vehicle_of_the_fleet_is_what_is_tested_and_not_what_is_trained_on(tmp_path):
@@ -319,7 +319,7 @@ def test_a_vehicle_of_the_fleet_is_what_is_tested_and_not_what_is_trained_on(tmp
 
 
 def test_a_rig_whose_rings_coincide_is_told_how_they_would_not(tmp_path):
-    grid = {"placement": ["line", "center"], "judge": ["generalist", "specialist"]}
+    grid = {"placement": ["line", "center"], "evaluator": ["generalist", "specialist"]}
     plan = plan_of(tmp_path, generalist=FEW, grid=grid)
     line = [t for t in plan.trials if t.grid_point.point.placement == "line"]
     center = [t for t in plan.trials if t.grid_point.point.placement == "center"]
@@ -333,9 +333,9 @@ def test_a_rig_whose_rings_coincide_is_told_how_they_would_not(tmp_path):
 def test_cautions_name_rigs_beyond_what_the_generalist_has_seen(tmp_path):
     high = {"high": {"mounts": [{"x": 0, "y": y, "z": 2.2} for y in (-0.6, -0.2, 0.2, 0.6)]}}
     named = {f"p{z}": {"mounts": [{"x": 0, "y": y, "z": z} for y in range(4)]} for z in (1, 2)}
-    judge = {"judge": "generalist", "generalist": {"rigs": list(named)}}
+    generalist = {"evaluator": "generalist", "generalist": {"rigs": list(named)}}
     rigs = {"placements": high | named, "placement": "high", "vehicle": []}
-    plan = plan_of(tmp_path, **judge, **rigs)
+    plan = plan_of(tmp_path, **generalist, **rigs)
     coincide, facing, outside = rig_cautions(plan)
     assert facing.startswith("high: LiDARs 1 and 2, 1 and 3, 1 and 4 and 3 pairs more look into ea")
     assert coincide.startswith("high: ")

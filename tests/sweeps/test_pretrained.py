@@ -1,4 +1,4 @@
-"""Rigs evaluated by weights in a file: `judge: pretrained`, in sweeps, searches and Python."""
+"""Rigs evaluated by weights in a file: `evaluator: pretrained`, in sweeps, searches and Python."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -50,10 +50,10 @@ def write(folder, content, **changes):
 
 
 def judged(folder, **changes):
-    """A sweep that judges by the file."""
+    """A sweep that is evaluated by the file."""
     training = {"checkpoint": str(folder / "base.pt")}
     grid = {"placement": ["line", "square"]}
-    content = TRAINED | {"judge": "pretrained", "training": training, "grid": grid}
+    content = TRAINED | {"evaluator": "pretrained", "training": training, "grid": grid}
     return write(folder, content, **changes)
 
 

@@ -133,7 +133,7 @@ ONE = {"placement": ["only_top"]}
         ({"recorded": ["tpo"]}, {}, "placements: only_top.recorded"),
         ({"recorded": ["top", "top"]}, {}, "placements.only_top.recorded"),
         ({"recorded": ["top"]}, {"weather": {"rain": 1}}, "weather"),
-        ({"recorded": ["top"]}, {"judge": "generalist"}, "scene.clouds"),
+        ({"recorded": ["top"]}, {"evaluator": "generalist"}, "scene.clouds"),
     ],
 )
 def test_mistakes(log, tmp_path, placement, changes, key):

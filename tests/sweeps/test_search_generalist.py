@@ -79,7 +79,7 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(tmp_p
     text = (folder / "search.html").read_text()
     assert "On traffic that the search did not see" in text
     sweep = yaml.safe_load((folder / "sweep.yaml").read_text())
-    assert "judge" not in sweep  # it is verified by detectors of its own
+    assert "evaluator" not in sweep  # it is verified by detectors of its own
     assert sweep["mounting_errors"] == {"offset": 0.01, "angle_deg": 0.5}
 
 

@@ -11,11 +11,11 @@ from lidarplace.configuration.placement import read_placement
 from lidarplace.recall.detection_curve import DetectionCurve, write_curves
 from lidarplace.recall.surface_cells import SurfaceCells
 from sweeps.search.greedy.certificate import why_none
-from sweeps.search.judgement.robustness import _cases
 from sweeps.search.output.terminal import greedy_warnings
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.verification.robustness import _cases
 
 LIDAR = {"beams": 8, "azimuth_steps": 400, "cloud_share": 0.5}
 

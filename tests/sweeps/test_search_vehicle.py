@@ -17,10 +17,10 @@ from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import read_sweep
 from sweeps.configuration.question import laid_out
 from sweeps.plan.plan import make_plan
-from sweeps.search.judgement.verify import read_verification
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.choice import Choice, ordered, placement_of
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.verification.verify import read_verification
 from tracking.run_folders.search import SearchFolder
 
 LOW, HIGH = [-2.0, -0.9, 0.2], [2.0, 0.9, 2.3]

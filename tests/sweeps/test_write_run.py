@@ -161,7 +161,7 @@ def test_the_command_compares_two_rigs(folder, tmp_path):
     [
         (["--rigs", "line"], "--rigs line: expected two placements, such as center,line"),
         (["--rigs", "line,middle"], "has no placement middle; expected center, line"),
-        (["--where", "judge=me"], "--where judge=me: "),
+        (["--where", "evaluator=me"], "--where evaluator=me: "),
     ],
 )
 def test_a_mistake_is_one_line(folder, words, said):

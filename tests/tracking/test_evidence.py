@@ -143,11 +143,11 @@ def test_a_remedy_sets_an_axis_where_the_key_is_one_and_nothing_for_a_log(run):
     assert evidence.remedy("run", []) == ""
 
 
-@pytest.mark.parametrize(("judge", "seeded"), [("command", False), ("specialist", True)])
-def test_only_a_command_without_a_seed_is_not_given_seeds(run, judge, seeded):
+@pytest.mark.parametrize(("evaluator", "seeded"), [("command", False), ("specialist", True)])
+def test_only_a_command_without_a_seed_is_not_given_seeds(run, evaluator, seeded):
     command = "{command: 'detect {train} {test}'}"
-    sweep = run.sweep.model_copy(update={"judge": judge})
-    for config in (f"judge: {command}", f"grid: {{judge: [specialist, {command}]}}"):
+    sweep = run.sweep.model_copy(update={"evaluator": evaluator})
+    for config in (f"evaluator: {command}", f"grid: {{evaluator: [specialist, {command}]}}"):
         few = Analysis(replace(seeds(run, 1), config=config, sweep=sweep))
         assert ("grid.seed" in few.answer.command) == seeded
         assert any("{seed}" in text for text in cautions(few)) != seeded

@@ -93,7 +93,7 @@ def test_rungs_and_objectives_may_ask_for_them():
     metrics = pd.DataFrame(rows, columns=["class", "metric", "iou", "value"])
     assert headline_value(metrics, "AP_R40_3D_mean", "Car") == 50
     for by, value in (("AP_R40_3D_mean", 40), ("mean_overlap", 60)):
-        asked = ObjectiveSettings.model_validate({"by": by, "judge": "generalist"})
+        asked = ObjectiveSettings.model_validate({"by": by, "evaluator": "generalist"})
         assert asked.measured
         assert asked.best == "maximize"
         assert weighted_value(asked, ["Car", "Cyclist"], metrics) == value

@@ -9,9 +9,10 @@ import pandas as pd
 
 from lidarplace.base.metrics import HEADLINE_METRIC
 from lidarplace.command_line.invocation import with_settings
+from lidarplace.configuration.renamed_keys import with_current_keys
 from lidarplace.configuration.yaml import parse_yaml
 from lidarplace.pog.surrogates.evaluate import MOSTLY_LINEAR
-from tracking.findings.groups import ONE_FOR_ALL, Group
+from tracking.findings.groups import EVALUATOR, ONE_FOR_ALL, Group
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.kitti_iou import at_headline_iou, headline_iou
 from tracking.labels import metric_label, some
@@ -81,7 +82,7 @@ def value_at(config: str, *keys: str) -> Any:
     Raises YamlError."""
     value = parse_yaml(config)
     for key in keys:
-        value = value.get(key) if isinstance(value, dict) else None
+        value = with_current_keys(value).get(key) if isinstance(value, dict) else None
     return value
 
 
@@ -121,16 +122,19 @@ def _few_seeds(run: RunFolder, group: Group) -> list[Weakness]:
     values = group.of(run.results).dropna(subset=["value"])
     by_rig = values.groupby("placement", sort=False)["seed"]
     seeds = {str(name): set(numbers) for name, numbers in by_rig}
-    few = few_seeds(seeds, group.judge in ONE_FOR_ALL, "grid.seed", (*run.classes, "all"))
-    judges = [value_at(run.config, "judge"), *(value_at(run.config, "grid", "judge") or ())]
+    few = few_seeds(seeds, group.evaluator in ONE_FOR_ALL, "grid.seed", (*run.classes, "all"))
+    evaluators = [value_at(run.config, EVALUATOR), *(value_at(run.config, "grid", EVALUATOR) or ())]
     commands = {
-        j.get("name", "command"): j.get("command", "") for j in judges if isinstance(j, dict)
+        own.get("name", "command"): own.get("command", "")
+        for own in evaluators
+        if isinstance(own, dict)
     }
-    if "{seed}" not in commands.get(group.judge, "{seed}"):  # it evaluates a placement only once
-        more = " Name {seed} in judge.command to train it again."
+    if "{seed}" not in commands.get(group.evaluator, "{seed}"):  # evaluated only once
+        more = " Name {seed} in evaluator.command to train it again."
         few = [replace(weakness, sentence=weakness.sentence + more, remedy={}) for weakness in few]
-    if group.judge == ONE_FOR_ALL[1]:  # there is one; generalists of the sweep's own can be several
-        generalists = _set(run, "judge", ONE_FOR_ALL[0])
+    # There is one pretrained generalist; generalists of the sweep's own can be several.
+    if group.evaluator == ONE_FOR_ALL[1]:
+        generalists = _set(run, EVALUATOR, ONE_FOR_ALL[0])
         few = [replace(weakness, remedy={**generalists, **weakness.remedy}) for weakness in few]
     return few
 
@@ -234,7 +238,7 @@ def _losses(run: RunFolder, group: Group) -> pd.DataFrame:
 
 def _longer(run: RunFolder, group: Group, times: float) -> dict[str, Any]:
     epochs = _losses(run, group)["epoch"].max()
-    key = "generalist.epochs" if group.judge in ONE_FOR_ALL else "training.epochs"
+    key = "generalist.epochs" if group.evaluator in ONE_FOR_ALL else "training.epochs"
     most = min(max(times, 2.0), MOST_TIMES)
     return {} if pd.isna(epochs) else _set(run, key, math.ceil(epochs * most))
 

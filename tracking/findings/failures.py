@@ -212,7 +212,7 @@ def failures(run: RunFolder, group: Group, rigs: tuple[str, str]) -> Failures | 
         objects=objects,
         found=np.stack([wide[trials[rig]].to_numpy(np.bool_) for rig in rigs]),
         points=np.stack([points[trials[rig].iloc[0]].to_numpy() for rig in rigs]),
-        generalist=group.judge in ONE_FOR_ALL,
+        generalist=group.evaluator in ONE_FOR_ALL,
     )
 
 

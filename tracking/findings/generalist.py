@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
-from tracking.findings.groups import JUDGE, ONE_FOR_ALL, at
+from tracking.findings.groups import EVALUATOR, ONE_FOR_ALL, at
 from tracking.findings.paired import group_columns
 from tracking.kitti_iou import at_headline_iou, at_headline_ious
 from tracking.labels import metric_name
@@ -34,27 +34,29 @@ def judgements(run: RunFolder) -> pd.DataFrame:
     """Make candidates of the generalist's AP and recall, next to the surrogates.
 
     Means over its seeds at the headline's IoU. Columns placement, class, detector, the further axes
-    of the run (`judge` that of the placement's own detectors), surrogate (`JUDGEMENTS`) and value,
+    of the run (`evaluator` that of the placement's own detectors), surrogate (`JUDGEMENTS`) and value,
     percent. Empty without a generalist or with nothing else."""
     keys = ["placement", "detector", *run.axes]
     columns = [*keys, "class", "surrogate", "value"]
-    if JUDGE not in run.axes:
+    if EVALUATOR not in run.axes:
         return pd.DataFrame(columns=columns)
-    by_generalist = run.results[JUDGE] == _who(run.results)
-    specialists = run.results.loc[~run.results[JUDGE].isin(ONE_FOR_ALL), [JUDGE]].drop_duplicates()
+    by_generalist = run.results[EVALUATOR] == _who(run.results)
+    specialists = run.results.loc[
+        ~run.results[EVALUATOR].isin(ONE_FOR_ALL), [EVALUATOR]
+    ].drop_duplicates()
     parts = []
     for name in (*run.classes, "all"):
         for metric in _RECALL[1:] if name == "all" else _OF_A_CLASS:
             rows = at_headline_iou(run.results[by_generalist], run.results, name, metric)
             means = rows.groupby(keys, dropna=False, sort=False)["value"].mean().dropna()
-            part = means.reset_index().drop(columns=JUDGE).merge(specialists, how="cross")
+            part = means.reset_index().drop(columns=EVALUATOR).merge(specialists, how="cross")
             parts.append(part.assign(**{"class": name, "surrogate": judgement_name(metric)}))
     return pd.concat(parts, ignore_index=True)[columns]
 
 
 def _who(table: pd.DataFrame) -> str:
-    """Name the judge of a table that is one detector for all: the first where there are two."""
-    return next((judge for judge in ONE_FOR_ALL if (table[JUDGE] == judge).any()), ONE_FOR_ALL[0])
+    """Name the evaluator of a table that is one detector for all: the first where there are two."""
+    return next((name for name in ONE_FOR_ALL if (table[EVALUATOR] == name).any()), ONE_FOR_ALL[0])
 
 
 def with_judgements(run: RunFolder) -> pd.DataFrame:
@@ -87,10 +89,10 @@ def side_by_side(means: pd.DataFrame, group: Mapping[Hashable, Any]) -> pd.DataF
 
     `means` are `seed_means` of the run, `group` has a value of each of `group_columns`. Index
     placement: generalist and specialist, percent."""
-    place = {key: value for key, value in group.items() if key != JUDGE}
+    place = {key: value for key, value in group.items() if key != EVALUATOR}
     tested = at(means[means["seeds"] > 0], place)
-    values = tested.pivot(index="placement", columns=JUDGE, values="mean")
-    both = {"generalist": values[_who(tested)], "specialist": values[group[JUDGE]]}
+    values = tested.pivot(index="placement", columns=EVALUATOR, values="mean")
+    both = {"generalist": values[_who(tested)], "specialist": values[group[EVALUATOR]]}
     return pd.DataFrame(both).dropna().sort_values("specialist", ascending=False)
 
 
@@ -114,9 +116,9 @@ def compare(run: RunFolder, means: pd.DataFrame, correlations: pd.DataFrame) -> 
 
 
 def seconds_a_placement(trials: pd.DataFrame) -> pd.DataFrame:
-    """Compute the cost of a judgement: detector, judge, trials that finished, their median seconds.
+    """Compute the cost of an evaluation: detector, evaluator, trials that finished, their median seconds.
 
     Of a generalist that is its evaluation, of others training and evaluation, without clouds."""
     finished = trials[trials["status"] == "finished"]
-    seconds = finished.groupby(["detector", JUDGE], sort=False)["seconds"]
+    seconds = finished.groupby(["detector", EVALUATOR], sort=False)["seconds"]
     return seconds.agg(trials="size", seconds="median").reset_index()

@@ -10,8 +10,8 @@ from lidarplace.requirements.tables import worst_cases
 from tracking.labels import detector_label, setting_label
 from tracking.run_folders.sweep import RunFolder
 
-JUDGE = "judge"  # the axis over who judges placements
-ONE_FOR_ALL = ("generalist", "pretrained")  # the judges that are one detector for all placements
+EVALUATOR = "evaluator"  # the axis over what evaluates placements
+ONE_FOR_ALL = ("generalist", "pretrained")  # evaluators that are one detector for all placements
 MOST_NAMES = 24  # of placements in one sentence
 
 
@@ -22,12 +22,12 @@ class Group:
     Attributes:
         detector: name of the detector.
         setting: value of each further axis.
-        judge: which detector evaluates its placements, see `judge` of the configuration.
+        evaluator: which detector evaluates its placements, see `evaluator` of the configuration.
         varies: whether the sweep has other groups, so that a title must name this one."""
 
     detector: str
     setting: dict[str, Any]
-    judge: str
+    evaluator: str
     varies: bool
 
     @property
@@ -99,7 +99,9 @@ def groups(run: RunFolder) -> Iterator[Group]:
     for row in places:
         detector = str(row.pop("detector"))
         setting = {str(axis): value for axis, value in row.items()}
-        yield Group(detector, setting, str(setting.get(JUDGE, run.sweep.judge)), len(places) > 1)
+        yield Group(
+            detector, setting, str(setting.get(EVALUATOR, run.sweep.evaluator)), len(places) > 1
+        )
 
 
 def worst_requirements(run: RunFolder, setting: Mapping[str, object]) -> pd.DataFrame:

@@ -8,7 +8,7 @@ from scipy import stats
 
 from lidarplace.base.metrics import EVERY_IOU, HEADLINE_METRIC, METRICS, RANKING, headline_metric
 from lidarplace.pog.surrogates.table import DECIDING, SURROGATES
-from tracking.findings.groups import JUDGE, ONE_FOR_ALL, met, worst_requirements
+from tracking.findings.groups import EVALUATOR, ONE_FOR_ALL, met, worst_requirements
 from tracking.findings.paired import group_columns, matching
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_short
@@ -24,7 +24,7 @@ def seed_means(
     results: pd.DataFrame,
     axes: Sequence[str] = (),
     left_out: pd.DataFrame | None = None,
-    judge: str = "specialist",
+    evaluator: str = "specialist",
 ) -> pd.DataFrame:
     """Average results over seeds.
 
@@ -32,7 +32,7 @@ def seed_means(
     same group. With `left_out` the choice of the test objects adds its own variance
     (`tracking.statistics.jackknife`, with one individual more at 0 and at 100,
     `tracking.statistics.bounded_mean`); it is all that the intervals of a single generalist hold.
-    `judge` is of all results, where it is no axis.
+    `evaluator` is of all results, where it is no axis.
 
     One row per (placement, class, detector, axes, metric, iou, difficulty): `mean`, `sd`
     (n - 1; NaN for one seed), `seeds` with a value, the smallest number of `ground_truths`;
@@ -58,7 +58,7 @@ def seed_means(
         means["mean"], errors["single_variance"], errors["individuals"].fillna(np.inf), 0.0, 100.0
     )
     counts = means["seeds"].where(means["seeds"] > 0)
-    one_for_all = means.get(JUDGE, pd.Series(judge, means.index)).isin(ONE_FOR_ALL)
+    one_for_all = means.get(EVALUATOR, pd.Series(evaluator, means.index)).isin(ONE_FOR_ALL)
     alone = seeds["single_degrees"].isna() & one_for_all
     half = {name: _half(seeds, errors, name, counts, alone) for name in ("single", "paired")}
     return means.assign(

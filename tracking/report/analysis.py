@@ -56,7 +56,7 @@ class Analysis:
     def means(self) -> pd.DataFrame:
         """Means over seeds with their intervals; see `seed_means`."""
         run = self.run
-        return seed_means(run.results, run.axes, run.left_out, run.sweep.judge)
+        return seed_means(run.results, run.axes, run.left_out, run.sweep.evaluator)
 
     @cached_property
     def ceilings(self) -> pd.DataFrame:

@@ -86,7 +86,7 @@ def headline_ranking(run: RunFolder, group: Group) -> dict[str, BestPlacement]:
         values, left_out = at_headline_iou(group.of(run.results), run.results, name), None
         if run.left_out is not None:
             left_out = at_headline_iou(group.of(run.left_out), run.results, name)
-        best = best_placement(values, left_out=left_out, generalist=group.judge in ONE_FOR_ALL)
+        best = best_placement(values, left_out=left_out, generalist=group.evaluator in ONE_FOR_ALL)
         if best is not None:
             ranking[name] = best
     return ranking

@@ -2,9 +2,10 @@
 
 from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat
+from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat, model_validator
 
 from lidarplace.base.roi import Roi
+from lidarplace.configuration.renamed_keys import current_key, with_current_keys
 from lidarplace.configuration.settings import Count, CountFromOne
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
@@ -86,8 +87,8 @@ class SweepResult(ResultFile):
     """Warnings about its rigs."""
     promote: tuple[Rung, ...] = ()
     """What each rung ranked by, kept and set."""
-    judge: str = "specialist"
-    """Which detector evaluates a placement, unless `judge` is an axis."""
+    evaluator: str = "specialist"
+    """What evaluates a placement, unless `evaluator` is an axis; `judge` in older files."""
     detections: dict[str, tuple[str, ...]] = Field({})
     """Files of detections from elsewhere by placement, which `lidarplace evaluate` read; none of a
     sweep."""
@@ -105,6 +106,19 @@ class SweepResult(ResultFile):
     """Boxes of the vehicle, lowest and highest corner; null: a sedan."""
     vehicle_mesh: Triangles | None = None
     """Its mesh, if it has one, in so few triangles that it can be drawn."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_current_keys(cls, content: Any) -> Any:
+        """Read the names of keys and axes that older versions wrote."""
+        if not isinstance(content, dict):
+            return content
+        content = with_current_keys(content)
+        if isinstance(axes := content.get("axes"), list):
+            content["axes"] = [current_key(str(axis)) for axis in axes]
+        if isinstance(settings := content.get("pictured"), dict):
+            content["pictured"] = with_current_keys(settings)
+        return content
 
     @property
     def body(self) -> Vehicle | None:

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.errors import InputError
+from lidarplace.configuration.renamed_keys import current_key
 from lidarplace.files.atomic import replacing
 from lidarplace.files.columns import check_columns, integers, numbers_if_known
 from lidarplace.files.regular import is_there
@@ -112,7 +113,7 @@ class Table:
         Raises ValueError: the file is not a table, lacks a needed column, has one of a wrong kind,
             or duplicate rows.
         """
-        table = read_parquet(folder / self.file)
+        table = read_parquet(folder / self.file).rename(columns=current_key)
         self._check(table, folder / self.file)
         self._check_key(table, axes, folder / self.file)
         if table.shape == (0, 0):

@@ -25,7 +25,6 @@ from sweeps.configuration.file import public_yaml
 from sweeps.configuration.question import check_asked
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.results.pictures import uncovered
-from sweeps.search.judgement.winners import Found, Judged, stride_error
 from sweeps.search.output.tables import greedy_table, importances, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.problem.choice import Choices, placement_of
@@ -33,6 +32,7 @@ from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import rig_of
 from sweeps.search.trials.aggregate import class_weights
 from sweeps.search.trials.study import assessment_of, finished_trials, journal_path
+from sweeps.search.verification.winners import Found, Judged, stride_error
 from tracking.mlflow.uri import absolute_uri
 from tracking.run_folders import search_json as kinds
 from tracking.run_folders import search_tables as contract

@@ -5,10 +5,10 @@ from typing import Any
 
 from lidarplace.pog.surrogates.table import RAY_SURROGATES
 from sweeps.results.state import SweepState, sweep_state
-from sweeps.search.judgement.verify import read_verification
-from sweeps.search.judgement.winners import best_trials
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.study import assessment_of, finished_trials, stored_study
+from sweeps.search.verification.verify import read_verification
+from sweeps.search.verification.winners import best_trials
 from sweeps.store.lock import is_locked
 from sweeps.store.open import reference, store_of
 

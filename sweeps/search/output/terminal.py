@@ -13,12 +13,12 @@ from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from sweeps.plan.plan import ignored
 from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding, facing
 from sweeps.search.greedy.certificate import why_none
-from sweeps.search.judgement.winners import Found, Judged
 from sweeps.search.output.tables import mount_columns
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import rig_of
 from sweeps.search.trials.study import finished_trials
+from sweeps.search.verification.winners import Found, Judged
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found

@@ -26,7 +26,7 @@ def generalists(problem: Problem) -> dict[int, Task]:
     settings = problem.file.generalist
     if isinstance(settings.rigs, int):
         settings = settings.model_copy(update={"rigs": tuple(rigs)})
-    changes = {"judge": "generalist", "generalist": settings}
+    changes = {"evaluator": "generalist", "generalist": settings}
     # Whichever, of a model of the space, and not trained on by its name.
     model, line = problem.space.models[0], PAPER_PLACEMENTS["line"]
     some = next(iter(rigs.values()), ordered(Choice(model, "", mount) for mount in line.mounts))
@@ -40,14 +40,14 @@ def judged_rigs(
     rigs: Mapping[str, Choices],
     tests: Sequence[Mapping[str, Any]],
 ) -> dict[str, JudgedRig]:
-    """The trials in which generalists judge rigs: those `trained` by seed, or that of a file; on
+    """The trials in which generalists evaluate rigs: those `trained` by seed, or that of a file; on
     `tests`, changes of the configuration by key path."""
     found: dict[str, dict[int, list[DetectorTrial]]] = {
         name: {seed: [] for seed in problem.file.search.seeds} for name in rigs
     }
-    judge = {"judge": PRETRAINED} if problem.pretrained else {}
+    evaluator = {"evaluator": PRETRAINED} if problem.pretrained else {}
     for changes in tests:
-        for trial in _trials(problem, rigs, {}, {**changes, **judge}):
+        for trial in _trials(problem, rigs, {}, {**changes, **evaluator}):
             point = trial.grid_point.point
             if trained:  # the detections are those of the generalist
                 own, (_, *inputs) = trained[point.seed], trial.evaluate.inputs

@@ -12,6 +12,7 @@ from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
 from lidarplace.base.class_names import check_among
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.metrics import METRICS
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.vehicle import vehicle_of
@@ -105,7 +106,7 @@ class Problem(SearchConfig):
     @property
     def pretrained(self) -> bool:
         """Whether that generalist is the one of a file."""
-        return any(objective.judge == PRETRAINED for objective in self.file.search.objective)
+        return any(objective.evaluator == PRETRAINED for objective in self.file.search.objective)
 
     def outside(self, rig: Choices, name: str = "found") -> str | None:
         """Why the generalist of a file cannot judge a rig; None: it can, or there is none. Raises
@@ -210,7 +211,7 @@ class Problem(SearchConfig):
 def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     """Read the configuration of a search. Raises ConfigError: anything wrong with it."""
     source = read_named(path, overrides, SearchFile)
-    with at(path, ConfigError):
+    with at(path, ConfigError), plugin_folder(path.parent):
         problem = _problem(source, path)
         _check_what_comes_later(problem)
         return problem
@@ -272,9 +273,9 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any]) -> None:
         if key in source:
             own = f"search.{others.get(key, key)}"
             raise InputError(f"key of a sweep; a search has {own}", key=key)
-    if "judge" in source:
+    if "evaluator" in source:
         fix = "select it by search.objective, such as generalist.recall"
-        raise InputError("key of a sweep", key="judge", fix=fix)
+        raise InputError("key of a sweep", key="evaluator", fix=fix)
     if file.verify is not None:
         refuse_overlaps(file.verify.set, "verify.set")
         for key in ("placement", "seed"):

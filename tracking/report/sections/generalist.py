@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 
 from tracking.findings.generalist import CALIBRATION, JUDGEMENTS, compare, seconds_a_placement
-from tracking.findings.groups import JUDGE
+from tracking.findings.groups import EVALUATOR
 from tracking.labels import setting_label
 from tracking.pages.section import (
     METRIC,
@@ -47,11 +47,11 @@ def generalist_section(analysis: Analysis) -> Section | None:
 
 
 def _own(run: RunFolder, rows: pd.DataFrame, row: Mapping[Any, Any]) -> str:
-    """Name detector, judge and setting, as far as there are several."""
+    """Name detector, evaluator and setting, as far as there are several."""
     keys = ["detector", *run.axes]
     varying = [key for key in keys if rows[key].nunique(dropna=False) > 1]
-    axes = [key for key in varying if key not in ("detector", JUDGE)]
-    named = [str(row[key]) for key in ("detector", JUDGE) if key in varying]
+    axes = [key for key in varying if key not in ("detector", EVALUATOR)]
+    named = [str(row[key]) for key in ("detector", EVALUATOR) if key in varying]
     return ", ".join(filter(None, (*named, setting_label(axes, row))))
 
 
@@ -75,7 +75,7 @@ def _table(run: RunFolder, rows: pd.DataFrame) -> Table:
 
 def _seconds(run: RunFolder) -> Table:
     columns = [
-        words("judge", JUDGE),
+        words("evaluator", EVALUATOR),
         words("detector"),
         numbers("trials", "trials", ",.0f"),
         numbers("seconds of a placement and seed", "seconds", ",.3g"),

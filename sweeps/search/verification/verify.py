@@ -9,12 +9,13 @@ import pandas as pd
 from rich.console import Console
 
 from lidarplace.base.metrics import RANKING
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.command_line.verbs import wrong
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import read_plan
 from sweeps.plan.trial import Plan
-from sweeps.search.judgement.winners import Found, Judged
 from sweeps.search.problem.problem import Problem
+from sweeps.search.verification.winners import Found, Judged
 from sweeps.store.open import store_of
 from tracking.findings.best_placement import best_placement
 from tracking.findings.summary import seed_means
@@ -52,7 +53,8 @@ def read_verification(problem: Problem) -> tuple[Sweep, Plan]:
     ConfigError: the file, which a user may have changed, is wrong."""
     whole = problem.file.model_dump(mode="json", include={"store", "tracking"})
     overrides = [f"{key}={json.dumps(value)}" for key, value in whole.items()]
-    return read_plan(problem.folder / "sweep.yaml", overrides)
+    with plugin_folder(problem.path.parent):
+        return read_plan(problem.folder / "sweep.yaml", overrides)
 
 
 def verified_table(

@@ -1,4 +1,4 @@
-"""A command as the judge: what it is given, what becomes of what it writes, and what fails."""
+"""A command as the evaluator: what it is given, what becomes of what it writes, and what fails."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.scenes.kitti.labels import label_lines, to_labels
 from sweeps.command_line import app
 from sweeps.commands.doctor import scenes
-from sweeps.configuration.command import CommandJudge
+from sweeps.configuration.evaluator import EvaluatorCommand
 from sweeps.plan.plan import read_plan
 from sweeps.store.open import store_of
 from sweeps.tasks.command import CommandFailed, detected_by
@@ -44,13 +44,13 @@ for name in tests:
 LOOP = "import time\nwhile True: time.sleep(0.05)"
 
 
-def write_judged(folder: Path, judge: dict, **changes: object) -> Path:
+def write_evaluated(folder: Path, evaluator: dict, **changes: object) -> Path:
     if not (folder / "log").exists():
         write_database(folder / "runs/mlflow.db")
         (folder / "toy.py").write_text(TOY)
     own = {"command": "{python} toy.py {clouds} {detections}", "format": "kitti", "name": "toy"}
     few = {"surrogate": SMALL["surrogate"] | {"names": ["ig"]}, "lidar": {"azimuth_steps": 90}}
-    keys = SMALL | few | {"placement": "line", "judge": own | judge} | changes
+    keys = SMALL | few | {"placement": "line", "evaluator": own | evaluator} | changes
     return write_sweep(folder, "tiny.yaml", **keys)
 
 
@@ -83,7 +83,7 @@ def write_truth(folder: Path) -> None:
 
 
 def test_ap_is_that_of_the_same_boxes(here):
-    path = write_judged(here, {})
+    path = write_evaluated(here, {})
     write_truth(here)
     assert "command" in run("run", str(path), "--dry-run")
     assert "command" in run("status", str(path))
@@ -116,33 +116,33 @@ def keys(path: Path, *overrides: str) -> list[str]:
 
 
 def test_what_decides_a_result(here):
-    write_judged(here, {})
+    write_evaluated(here, {})
     (here / "net").mkdir()
     (here / "net/weights.pt").write_bytes(b"1")
-    path = write_judged(here, {"depends_on": ["toy.py", "net"]})
+    path = write_evaluated(here, {"depends_on": ["toy.py", "net"]})
     first = keys(path)
-    assert keys(path, "judge.time_limit=9", "judge.cpus=2", "judge.name=other") == first
-    assert keys(path, "judge.format=parquet") != first
+    assert keys(path, "evaluator.time_limit=9", "evaluator.cpus=2", "evaluator.name=other") == first
+    assert keys(path, "evaluator.format=parquet") != first
     (here / "net/weights.pt").write_bytes(b"2")
     second = keys(path)
     (here / "toy.py").write_text("")
     third = keys(path)
-    path = write_judged(here, {"command": "{python} other.py {clouds} {detections}"})
+    path = write_evaluated(here, {"command": "{python} other.py {clouds} {detections}"})
     assert len({*first, *second, *third, *keys(path)}) == 4
 
 
 def test_seeds_are_of_a_command_that_names_them(here):
     seeded = {"command": "{python} toy.py {clouds} {detections} {seed}"}
-    assert len(keys(write_judged(here, seeded, grid={"seed": [1, 2]}))) == 2
+    assert len(keys(write_evaluated(here, seeded, grid={"seed": [1, 2]}))) == 2
 
 
 def params(folder: Path, code: str, **changes: object) -> CommandParams:
     (folder / "own.py").write_text(code)
     command = f"{sys.executable} own.py {{clouds}} {{detections}}"
     how = {"command": command, "format": "parquet", "folder": folder, "time_limit": 20.0}
-    judge = CommandJudge.model_validate(how | changes)
+    evaluator = EvaluatorCommand.model_validate(how | changes)
     log = folder / "commands/a.log"
-    return CommandParams(judge, (), ("Car",), rig=None, seed=None, log=log)
+    return CommandParams(evaluator, (), ("Car",), rig=None, seed=None, log=log)
 
 
 @pytest.fixture
@@ -184,7 +184,7 @@ table.to_parquet(sys.argv[2] + "/found.parquet")
     ],
 )
 def test_what_is_wrong_is_one_line(code, line, given, tmp_path):
-    with pytest.raises(CommandFailed, match=rf"^judge.command: .*{line}") as error:
+    with pytest.raises(CommandFailed, match=rf"^evaluator.command: .*{line}") as error:
         detected_by(params(tmp_path, code), *given)
     assert "\n" not in str(error.value)
     assert [path.name for path in (tmp_path / "commands").iterdir()] == ["a.log"]
@@ -197,7 +197,9 @@ def test_a_wrong_convention_fails_unless_accepted_and_a_percentage_is_a_caution(
     objects.assign(y=-3, score=50)[list(COLUMNS)].to_parquet(tmp_path / "mine.parquet")
     code = "import shutil, sys; shutil.copy('mine.parquet', sys.argv[2])"
     told = r": a: column y: detections fit the labels with y mirrored: median IoU 1.00 instead of "
-    told += r"0.00, of 12 objects in 1 frames; .*, or accept the values: judge.accept: \[place\]; "
+    told += (
+        r"0.00, of 12 objects in 1 frames; .*, or accept the values: evaluator.accept: \[place\]; "
+    )
     with pytest.raises(CommandFailed, match=told):
         detected_by(params(tmp_path, code), frames, objects, clouds)
     found = detected_by(params(tmp_path, code, accept=["place"]), frames, objects, clouds)
@@ -242,7 +244,7 @@ def assert_gone(mark: str) -> None:
 
 def test_killed_then_failed_and_tried_again(here):
     mark = f"left-{os.getpid()}-{here.name}"
-    path = write_judged(here, {})
+    path = write_evaluated(here, {})
     write_truth(here)
     (here / "toy.py").write_text(hanging(mark))
     process = Forked(["run", str(path)], here, here / "first.log")
@@ -267,11 +269,11 @@ def test_killed_then_failed_and_tried_again(here):
 
 def test_the_copy_in_the_run_folder_runs_in_the_same_folder(here):
     (here / "deep").mkdir()
-    write_judged(here, {})
+    write_evaluated(here, {})
     path = (here / "tiny.yaml").rename(here / "deep/tiny.yaml")
     sweep, _ = read_plan(path)
-    assert sweep.points[0].point.judge.folder == here / "deep"
-    assert sweep.source["judge"]["folder"] == str(here / "deep")
+    assert sweep.points[0].point.evaluator.folder == here / "deep"
+    assert sweep.source["evaluator"]["folder"] == str(here / "deep")
 
 
 @pytest.mark.parametrize(
@@ -284,23 +286,23 @@ def test_the_copy_in_the_run_folder_runs_in_the_same_folder(here):
     ],
 )
 def test_a_secret_in_the_command_is_a_caution(here, command, name):
-    path = write_judged(here, {"command": f"{command} {{clouds}} {{detections}}"})
+    path = write_evaluated(here, {"command": f"{command} {{clouds}} {{detections}}"})
     cautions = read_plan(path)[1].cautions
-    assert [f"judge.command: {name} looks" in text for text in cautions] == [True] * bool(name)
+    assert [f"evaluator.command: {name} looks" in text for text in cautions] == [True] * bool(name)
 
 
 def test_doctor_looks_for_the_program(here):
-    assert scenes(write_judged(here, {})).state == "good"
-    found = scenes(write_judged(here, {"command": "./none {clouds} {detections}"}))
+    assert scenes(write_evaluated(here, {})).state == "good"
+    found = scenes(write_evaluated(here, {"command": "./none {clouds} {detections}"}))
     assert found.state == "missing"
-    assert found.found == f"judge.command: no program ./none; found none at {here}/none"
+    assert found.found == f"evaluator.command: no program ./none; found none at {here}/none"
 
 
 def test_a_command_after_a_generalist(here):
-    """The best rigs by a generalist go on; the command alone judges them."""
+    """The best rigs by a generalist go on; the command alone evaluates them."""
     grid = {"placement": ["line", "center"]}
-    rung = {"by": "recall", "keep": 1, "set": {"judge": "generalist"}}
-    path = write_judged(here, {}, grid=grid, promote=[rung])
+    rung = {"by": "recall", "keep": 1, "set": {"evaluator": "generalist"}}
+    path = write_evaluated(here, {}, grid=grid, promote=[rung])
     _, plan = read_plan(path)
-    assert [trial.label for trial in plan.trials][-1] == "center · toy · seed 0 · judge=toy"
+    assert [trial.label for trial in plan.trials][-1] == "center · toy · seed 0 · evaluator=toy"
     assert [task.stage for task in plan.tasks].count("command") == 2

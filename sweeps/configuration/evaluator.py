@@ -1,4 +1,4 @@
-"""A command as the judge: `judge: {command: …}`."""
+"""A command as the evaluator: `evaluator: {command: …}`."""
 
 import re
 import shlex
@@ -17,10 +17,10 @@ from lidarplace.logs.plausibility import DetectionCheck
 from lidarplace.scenes.layouts import LayoutName
 
 PLACEHOLDERS = ("{clouds}", "{detections}", "{rig}", "{seed}", "{python}")
-JUDGES = ("specialist", "generalist", "finetuned", "pretrained")
+EVALUATORS = ("specialist", "generalist", "finetuned", "pretrained")
 
 
-class CommandJudge(Settings):
+class EvaluatorCommand(Settings):
     """A program of the user that detects objects in the clouds of each rig.
 
     What is left out where it is dumped decides nothing about its detections."""
@@ -77,22 +77,25 @@ class CommandJudge(Settings):
         return f"{{{placeholder}}}" in self.command
 
 
-def _checked(judge: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo) -> Any:
+def _checked(evaluator: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo) -> Any:
     # Not by the union, whose error would be of all its members.
-    if isinstance(judge, (Mapping, CommandJudge)):
-        own = CommandJudge.model_validate(judge, context=info.context)
-        if own.name in JUDGES:
-            problem, fix = f"{own.name} is a built-in judge", "choose another name for the command"
+    if isinstance(evaluator, (Mapping, EvaluatorCommand)):
+        own = EvaluatorCommand.model_validate(evaluator, context=info.context)
+        if own.name in EVALUATORS:
+            problem, fix = (
+                f"{own.name} is a built-in evaluator",
+                "choose another name for the command",
+            )
             raise InputError(problem, key="name", fix=fix)
         return own
-    if judge not in JUDGES:
-        hint = did_you_mean(judge, JUDGES) if isinstance(judge, str) else ""
-        raise InputError(expected=f"{', '.join(JUDGES)}, or a mapping with command{hint}")
-    return judge
+    if evaluator not in EVALUATORS:
+        hint = did_you_mean(evaluator, EVALUATORS) if isinstance(evaluator, str) else ""
+        raise InputError(expected=f"{', '.join(EVALUATORS)}, or a mapping with command{hint}")
+    return evaluator
 
 
-Judge = Annotated[
-    Literal["specialist", "generalist", "finetuned", "pretrained"] | CommandJudge,
+Evaluator = Annotated[
+    Literal["specialist", "generalist", "finetuned", "pretrained"] | EvaluatorCommand,
     WrapValidator(_checked),
 ]
 """Which detector evaluates a placement."""

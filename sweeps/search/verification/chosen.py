@@ -15,12 +15,12 @@ from sweeps.execution.progress import StageProgress
 from sweeps.execution.runner import run_tasks
 from sweeps.plan.trial import DetectorTrial
 from sweeps.results.trial_results import identity, with_columns
-from sweeps.search.judgement.verify import verified_table
-from sweeps.search.judgement.winners import Judged, baseline_of, ranked
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.judged_sweep import generalists, judged_rigs
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.aggregate import left_out_over_tests, metrics_over_tests, weighted_value
+from sweeps.search.verification.verify import verified_table
+from sweeps.search.verification.winners import Judged, baseline_of, ranked
 from sweeps.store.local import Store
 from sweeps.store.open import reference
 from sweeps.tasks.task import with_inputs
