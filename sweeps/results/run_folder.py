@@ -1,4 +1,4 @@
-"""The run folder: what a sweep found, as tables that stay readable without this project."""
+"""Run folder: results of a sweep, as tables that stay readable without this project."""
 
 from __future__ import annotations
 
@@ -69,9 +69,16 @@ _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
 
 @dataclass(frozen=True)
 class Run:
-    """What happened when a plan was run: keys of tasks that had a result before, how many tasks
-    could run at once, None where none ran, what the user typed, and when it started, on the clock
-    of `Outcome.times`."""
+    """Run of a plan.
+
+    Attributes:
+        outcome: failures and times of tasks.
+        promotion: progress through the rungs.
+        cached: keys of tasks that had a result before.
+        cores: how many tasks could run at once, None where none ran.
+        command: what the user typed.
+        started: when it started, on the clock of `Outcome.times`.
+        seconds: how long it took."""
 
     outcome: Outcome
     promotion: Promotion
@@ -157,7 +164,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
 
 
 def trials_table(plan: Plan, store: Store, run: Run, axes: Sequence[str]) -> pd.DataFrame:
-    """One row a trial: trial, placement, detector, seed, axes, seconds, status, error."""
+    """Make one row a trial: trial, placement, detector, seed, axes, seconds, status, error."""
     rows = []
     for trial in plan.trials:
         row: dict[str, Cell] = {"seconds": np.nan, "status": "finished", "error": ""}
@@ -187,7 +194,7 @@ def _once(
     axes: Sequence[str],
     found: Iterable[tuple[Trial, Sequence[Task], Callable[[], pd.DataFrame | None]]],
 ) -> pd.DataFrame:
-    """One table of trials, from tasks that decide their rows; what trials share is in it once."""
+    """Make one table of trials from tasks that decide their rows; shared rows are in it once."""
     tables: dict[tuple[object, ...], pd.DataFrame | None] = {}
     by_placement = any(column.name == "placement" for column in own.columns)
     for trial, tasks, rows in found:
@@ -210,7 +217,7 @@ def _points(trial: DetectorTrial, store: Store) -> pd.DataFrame:
 
 
 def _individuals(trial: DetectorTrial, store: Store) -> pd.DataFrame:
-    """In how many frames of a split and a route every object counts."""
+    """Count the frames of a split and a route in which every object counts."""
     keys = ["split", "scene", "route", "class", "object_id"]
     truths = [store.read(task, lambda truth: truth.frames) for task in trial.ground_truths]
     frames = pd.concat(truths)[["frame", "route", "split"]]

@@ -34,8 +34,8 @@ def judgements(run: RunFolder) -> pd.DataFrame:
     """Make candidates of the generalist's AP and recall, next to the surrogates.
 
     Means over its seeds at the headline's IoU. Columns placement, class, detector, the further axes
-    of the run (`evaluator` that of the placement's own detectors), surrogate (`JUDGEMENTS`) and value,
-    percent. Empty without a generalist or with nothing else."""
+    of the run (`evaluator` that of the placement's own detectors), surrogate (`JUDGEMENTS`) and
+    value, percent. Empty without a generalist or with nothing else."""
     keys = ["placement", "detector", *run.axes]
     columns = [*keys, "class", "surrogate", "value"]
     if EVALUATOR not in run.axes:
@@ -116,7 +116,7 @@ def compare(run: RunFolder, means: pd.DataFrame, correlations: pd.DataFrame) -> 
 
 
 def seconds_a_placement(trials: pd.DataFrame) -> pd.DataFrame:
-    """Compute the cost of an evaluation: detector, evaluator, trials that finished, their median seconds.
+    """Compute the cost of an evaluation: detector, evaluator, finished trials, median seconds.
 
     Of a generalist that is its evaluation, of others training and evaluation, without clouds."""
     finished = trials[trials["status"] == "finished"]
