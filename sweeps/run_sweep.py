@@ -21,17 +21,17 @@ from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.page import ABOUT, columns, note
 from sweeps.mlflow.trials import TrialLog
-from sweeps.plan.plan import further_axes
+from sweeps.plan.labels import further_axes
 from sweeps.plan.trial import Plan, Trial
 from sweeps.results.failure_frames import write_failure_frames
 from sweeps.results.origin import record_origin
 from sweeps.results.promotion import at_most, promote
 from sweeps.results.run_folder import Run, write_run
 from sweeps.results.trial_results import trial_failure
+from sweeps.stages.task import Task
 from sweeps.store.cleaning import clean_store
 from sweeps.store.local import Store
 from sweeps.store.open import reference
-from sweeps.tasks.task import Task
 from tracking.findings.evidence import largest_linear_share, ray_counting_caution
 from tracking.findings.summary import summary_table
 from tracking.mlflow.content import ParentRun

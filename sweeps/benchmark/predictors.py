@@ -21,8 +21,8 @@ from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES, Surro
 from lidarplace.rigs.placement import Placement
 from sweeps.benchmark.rigs import METRICS, log_of, of, trials
 from sweeps.plan.trial import DetectorTrial, Trial, with_detector
-from sweeps.tasks import stages
-from sweeps.tasks.results import Trained
+from sweeps.stages.evaluate import EvaluateStage
+from sweeps.stages.train import TrainedDetector
 from training.settings import PRETRAINED
 
 Function = Callable[[Placement, BoxLog], float | Mapping[str, float]]
@@ -91,11 +91,11 @@ def _surrogate(name: str, surrogate: Surrogate) -> tuple[OfRig, Mapping[str, Tri
     rigs = trials([f"surrogate.names=['{surrogate.beside or name}']"])
     scene: Any = log_of("train")
     if name not in OBJECT_SURROGATES:
-        scene = stages.pog(next(iter(rigs.values())).pog.params, scene)
+        scene = next(iter(rigs.values())).pog.stage.run(scene)
 
     def of_rig(trial: Trial) -> Mapping[str, float]:
         task = trial.score_by(name)
-        table = stages.FUNCTIONS[task.stage](task.params, scene).table
+        table = task.stage.run(scene).table
         table = table[table["surrogate"] == name]
         by_class = dict(zip(table["class"], table["value"], strict=True))
         by_class["all"] = table["value"].sum(skipna=False) if surrogate.additive else np.nan
@@ -106,7 +106,7 @@ def _surrogate(name: str, surrogate: Surrogate) -> tuple[OfRig, Mapping[str, Tri
 
 def _of_function(name: str, function: Function, trial: Trial) -> Mapping[str, float]:
     assert trial.recall is not None
-    (rig,) = trial.recall.params.rigs
+    (rig,) = trial.recall.stage.rigs
     place = f"{name}: rig {rig.name}"
     with FUNCTIONS.calls(place):
         result = function(rig, log_of("train"))
@@ -127,7 +127,7 @@ def _by_metric(by_class: Mapping[str, float]) -> dict[str, float]:
 
 def _generalist(path: Path) -> tuple[OfRig, Mapping[str, Trial]]:
     """Compute AP and recall of detections in the test frames, with the study's mounting errors."""
-    from sweeps.search.trials.by_generalist import judge_task
+    from sweeps.search.trials.by_generalist import detect_task
     from training import build_detector
     from training.checkpoints import load_checkpoint, read_checkpoint
     from training.kitti_ap import evaluation
@@ -139,19 +139,22 @@ def _generalist(path: Path) -> tuple[OfRig, Mapping[str, Trial]]:
     named = {"detector": detector, "training.checkpoint": str(path)}
     with at(path):
         rigs = trials([f"{key}={json.dumps(value)}" for key, value in named.items()])
-    first = with_detector(rigs.values())[0].evaluate.params
+    first = with_detector(rigs.values())[0].evaluate.stage
+    assert isinstance(first, EvaluateStage)
     model = build_detector(
         detector, first.classes, point_range=first.point_range, typical=first.typical
     )
     load_checkpoint(model, path)
     no_curve = pd.DataFrame(columns=["epoch", "metric", "value"])
-    weights = Trained(model.state_dict(), no_curve, list(first.classes), 1, False, str(path), 0.0)
+    weights = TrainedDetector(
+        model.state_dict(), no_curve, list(first.classes), 1, False, str(path), 0.0
+    )
     log = log_of("test")
 
     def of_rig(trial: Trial) -> Mapping[str, float]:
         assert isinstance(trial, DetectorTrial)
-        detected = stages.judge(judge_task(trial.evaluate, 0, 1).params, weights, log)
-        (truth,) = (stages.ground_truth(task.params, log) for task in trial.ground_truths)
+        detected = detect_task(trial.evaluate, 0, 1).stage.run(weights, log)
+        (truth,) = (task.stage.run(log) for task in trial.ground_truths)
         frames = detected.frames["frame"].tolist()
         table = evaluation(truth.objects, detected.detections, frames, first.classes).metrics
         return {metric: float(of(table, metric)["value"].iloc[0]) for metric in METRICS}

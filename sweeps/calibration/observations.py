@@ -15,8 +15,9 @@ from lidarplace.recall.surface_cells import SurfaceCells
 from lidarplace.rigs.placement import Placement
 from sweeps.configuration.file import ConfigError
 from sweeps.plan.trial import DetectorTrial, Trial, with_detector
+from sweeps.stages.collect import CollectStage
+from sweeps.stages.task import tasks_of
 from sweeps.store.local import Store
-from sweeps.tasks.parameters import CollectParams
 from training.kitti_ap import found_objects
 
 COLUMNS = ("rig", "class", "iou", "scene", "route", "object_id", "points", "cells", "found")
@@ -32,7 +33,7 @@ def rigs_of(trials: Sequence[Trial], store: Store) -> TrialsByRig:
     for trial in with_detector(trials):
         if not store.has(trial.evaluate):
             continue
-        if not all(isinstance(task.params, CollectParams) for task in trial.collect_test):
+        if len(tasks_of(CollectStage, trial.collect_test)) < len(trial.collect_test):
             raise ConfigError("which rays made recorded clouds is not known", key="scene.clouds")
         axes = {k: v for k, v in trial.grid_point.axes.items() if k not in ("detector", "seed")}
         label = [axes.pop("placement", trial.grid_point.point.placement)]
@@ -55,7 +56,7 @@ def observations(rigs: TrialsByRig, store: Store) -> pd.DataFrame:
         if key not in counted:
             counted[key] = _test_objects(first, store)
         # The clouds of all parts of a scene are of one rig; it has their azimuth steps.
-        (placement,) = {task.params.placement for task in first.collect_test}
+        (placement,) = {task.stage.placement for task in tasks_of(CollectStage, first.collect_test)}
         boxes = [store.read(trial.evaluate, lambda found: found.detections) for trial in trials]
         of_point = (*counted[key], point.classes, point.own_ious())
         tables.append(of_rig(label, placement, boxes, *of_point))

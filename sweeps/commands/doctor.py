@@ -157,6 +157,8 @@ def scenes(config: Path, overrides: Sequence[str] = ()) -> Found:
     """The maps, logs and checkpoints that the file names are there."""
     from sweeps.execution.memory import check_memory
     from sweeps.plan.plan import read_plan
+    from sweeps.stages.command import CommandStage
+    from sweeps.stages.task import tasks_of
     from sweeps.sweep_or_search import is_search
 
     try:
@@ -170,7 +172,7 @@ def scenes(config: Path, overrides: Sequence[str] = ()) -> Found:
         check_memory(plan.tasks, sweep.common.ray.address)
     except ValueError as error:
         return Found(" ".join(str(error).split()), "missing", f"correct {config}")
-    for evaluator in {own.params.evaluator for own in plan.tasks if own.stage == "command"}:
+    for evaluator in {task.stage.evaluator for task in tasks_of(CommandStage, plan.tasks)}:
         program = shlex.split(evaluator.command)[0]
         place = str(evaluator.folder / program) if "/" in program else program
         if program != "{python}" and shutil.which(place) is None:

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.failures import Failure
-from sweeps.execution.memory import Need
+from sweeps.stages.stage import Need
 
 T = TypeVar("T")
 

@@ -8,12 +8,13 @@ from typing import Protocol
 
 from sweeps.execution.backends import Backend, Job, WorkerDied
 from sweeps.execution.failures import Failure
-from sweeps.execution.memory import Need, need_of
 from sweeps.execution.schedule import Schedule
 from sweeps.execution.worker import Ended, try_task
+from sweeps.stages.stage import Need
+from sweeps.stages.task import Task
+from sweeps.stages.train import FinetuneStage
 from sweeps.store.local import Store
 from sweeps.store.result_folder import DamagedResult
-from sweeps.tasks.task import Task
 from training.settings import LARGEST_BATCH
 
 
@@ -51,7 +52,7 @@ def execute(
     outcome = Outcome() if outcome is None else outcome
     done = store.finished(tasks)
     for item in tasks:
-        if item.key in done and item.resumable:  # it was stopped after its last step
+        if item.key in done and item.stage.resumable:  # it was stopped after its last step
             store.discard(item)
     known = dict(known or {}) | {k: f for k, f in outcome.failures.items() if f.lasting}
     schedule = Schedule(tasks, done)
@@ -90,10 +91,10 @@ class _Execution:
             if self.store.has(task):  # another driver was here in the meantime
                 self._finish(task)
                 continue
-            need = need_of(task, self.backend.gpus_per_training)
+            need = task.stage.need(self.backend.gpus_per_training)
             if halvings := self.halvings[task.key]:
                 need = replace(need, gpu_share=max(1.0, need.gpu_share))
-            name, how = f"{task.stage}: {task.label}", (self.store, halvings, need.gpu_share)
+            name, how = f"{task.stage.name}: {task.label}", (self.store, halvings, need.gpu_share)
             job = self.backend.submit(try_task, task, *how, name=name, need=need)
             self.running[job] = (task, need)
             self.listener.started(task)
@@ -145,7 +146,7 @@ def _ended(job: Job[Ended]) -> Ended:
 
 def _can_be_halved(task: Task, halvings: int) -> bool:
     """Whether a training that was too large for a GPU had more than one frame in a step."""
-    if not task.resumable:
+    if not isinstance(task.stage, FinetuneStage):
         return False
-    size = task.params.training.batch_size
+    size = task.stage.training.batch_size
     return (LARGEST_BATCH if size == "auto" else size) >> halvings > 1

@@ -13,8 +13,8 @@ from lidarplace.base.foreign_code import plugin_place
 from lidarplace.configuration.record import read_record
 from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import hide_secrets
+from sweeps.stages.task import Task
 from sweeps.store.result_folder import DamagedResult
-from sweeps.tasks.task import Task
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class FailureFolder:
 
     def write(self, task: Task, failure: Failure) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        told = f"{task.stage} '{task.label}'\n{failure.reason}\n\n{failure.log}"
+        told = f"{task.stage.name} '{task.label}'\n{failure.reason}\n\n{failure.log}"
         write_text(self.log(task), told)
         write_text(self._record(task.key), json.dumps(asdict(failure)))
 
@@ -80,7 +80,7 @@ class FailureFolder:
             path.unlink()
 
     def log(self, task: Task) -> Path:
-        return self.folder / f"{task.stage}-{task.key}.log"
+        return self.folder / f"{task.stage.name}-{task.key}.log"
 
     def _record(self, key: str) -> Path:
         return self.folder / f"{key}.json"

@@ -17,8 +17,8 @@ from rich.text import Text
 
 from lidarplace.command_line.terminal import visible
 from sweeps.execution.failures import Failure, FailureFolder
+from sweeps.stages.task import Task
 from sweeps.store.local import Note, Store
-from sweeps.tasks.task import Task
 
 _MOST_NAMED = 2
 NOTED_S = 10.0
@@ -61,10 +61,10 @@ class Running:
     def seconds(self) -> list[tuple[str, float]]:
         """Stage of every task, and the seconds that it has run."""
         now = self._clock()
-        return [(task.stage, now - since) for task, since in list(self._since.values())]
+        return [(task.stage.name, now - since) for task, since in list(self._since.values())]
 
     def labels(self, stage: str) -> str:
-        own = [task for task, _ in list(self._since.values()) if task.stage == stage]
+        own = [task for task, _ in list(self._since.values()) if task.stage.name == stage]
         return ", ".join(task.label + self._progress_of(task) for task in own)
 
     def __str__(self) -> str:
@@ -72,16 +72,16 @@ class Running:
         more"; empty if nothing runs."""
         now, every = self._clock(), list(self._since.values())
         named = [
-            f"{task.stage} '{task.label}' for {minutes(now - since)}{self._progress_of(task)}"
+            f"{task.stage.name} '{task.label}' for {minutes(now - since)}{self._progress_of(task)}"
             for task, since in every[:_MOST_NAMED]
         ]
         more = len(every) - len(named)
         return ", ".join([*named, *([f"{more} more"] if more > 0 else [])])
 
     def _progress_of(self, task: Task) -> str:
-        if task.resumable and self._clock() - self._looked > NOTED_S:
+        if task.stage.resumable and self._clock() - self._looked > NOTED_S:
             self._looked = self._clock()
-            trainings = [own for own, _ in list(self._since.values()) if own.resumable]
+            trainings = [own for own, _ in list(self._since.values()) if own.stage.resumable]
             with suppress(Exception):  # a remote store that does not answer is asked again later
                 self._progress = {
                     key: f" ({note.progress})"
@@ -112,7 +112,7 @@ class TimeLeft:
     """Learns from tasks that end. Machines go on as they did: as many tasks at once."""
 
     def __init__(self, tasks: Iterable[Task]) -> None:
-        self._left = Counter(task.stage for task in tasks)
+        self._left = Counter(task.stage.name for task in tasks)
         self._seconds: dict[str, list[float]] = {}
 
     def ended(self, stage: str, seconds: float | None) -> None:
@@ -174,9 +174,9 @@ class StageProgress:
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="progress lines", daemon=True)
         self._failures = failures
-        self._total = Counter(task.stage for task in tasks)
+        self._total = Counter(task.stage.name for task in tasks)
         cached = store.finished(tasks)
-        self._done = Counter(task.stage for task in tasks if task.key in cached)
+        self._done = Counter(task.stage.name for task in tasks if task.key in cached)
         self._failed = Counter[str]()
         self._left = TimeLeft(task for task in tasks if task.key not in cached)
         self._bar = {
@@ -208,15 +208,15 @@ class StageProgress:
         self._ended(task)
 
     def failed(self, task: Task, failure: Failure) -> None:
-        text = f"failed: {task.stage} '{task.label}': {failure.reason}"
+        text = f"failed: {task.stage.name} '{task.label}': {failure.reason}"
         self._console.print(text, soft_wrap=True)
         if self._failures is not None:
             self._failures.write(task, failure)
-        self._failed[task.stage] += 1
+        self._failed[task.stage.name] += 1
         self._ended(task)
 
     def _ended(self, task: Task) -> None:
-        stage, seconds = task.stage, self._running.ended(task)
+        stage, seconds = task.stage.name, self._running.ended(task)
         if stage not in self._total:
             return
         self._done[stage] += 1

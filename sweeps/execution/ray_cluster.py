@@ -18,12 +18,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from lidarplace.base.code_version import PACKAGES, place_of
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.plugin_folders import PLUGINS
 from lidarplace.command_line.signals import Terminated, signals_held, stopped_by_signals
-from sweeps import PACKAGES
 from sweeps.configuration.sweep import RaySettings
-from sweeps.tasks.code_version import place_of
 
 THREADS = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a worker: one thread a task, as Ray runs as many tasks as there are CPUs."""

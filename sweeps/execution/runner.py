@@ -15,9 +15,9 @@ from sweeps.execution.backends import Backend, backend_for
 from sweeps.execution.execute import execute
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress import StageProgress
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
 from sweeps.store.lock import locked
-from sweeps.tasks.task import Task
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.uri import sqlite_file, ui_command

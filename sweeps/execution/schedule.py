@@ -6,18 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from sweeps.execution.failures import Failure
-from sweeps.tasks.task import Task
-
-_ORDER: tuple[tuple[str, ...], ...] = (
-    *(("pretrained",), ("judge",), ("measure", "evaluate"), ("command", "finetune")),
-    *(("pretrain",), ("collect",), ("ground_truth",), ("scene",), ("pog",), ("surrogates",)),
-    *(("recall",), ("requirements",), ("accuracy",), ("sampling_error",)),
-)
-_PLACE = {stage: place for place, stages in enumerate(_ORDER) for stage in stages}
-"""Of stages of a trial whose inputs are there the first goes first: what detectors wait for."""
-
-_ENDS = ("evaluate", "judge", "measure")
-"""Stages that end a trial."""
+from sweeps.stages.task import Task
 
 _Rank = tuple[int, int, int]
 """Trial, stage, place in the plan; the lowest goes first."""
@@ -36,8 +25,8 @@ class Schedule:
         self._rank: dict[str, _Rank] = {}
         trial = 0
         for position, task in enumerate(tasks):
-            self._rank[task.key] = (trial, _PLACE[task.stage], position)
-            trial += task.stage in _ENDS
+            self._rank[task.key] = (trial, task.stage.order, position)
+            trial += task.stage.ends_trial
         for task in tasks:
             if task.key in done:
                 continue
@@ -45,13 +34,13 @@ class Schedule:
             self._waiting[task.key] = len(missing)
             for item in missing:
                 if item.key not in self._waiting:
-                    raise ValueError(f"{task.stage} '{task.label}' comes before its input")
+                    raise ValueError(f"{task.stage.name} '{task.label}' comes before its input")
                 self._dependents[item.key].append(task)
             if not missing:
                 self._push(task)
 
     def _push(self, task: Task) -> None:
-        heapq.heappush(self._ready[task.gpu], (self._rank[task.key], task))
+        heapq.heappush(self._ready[task.stage.need().gpu_share > 0], (self._rank[task.key], task))
 
     def next(self, gpu: bool = True) -> Task | None:
         """A task to start, of a GPU only if `gpu`; None while all that are left wait."""
@@ -75,7 +64,7 @@ class Schedule:
     def fail(self, task: Task, failure: Failure) -> list[Task]:
         """Note that a task failed; returns it with all that cannot run without it."""
         fallen: list[Task] = []
-        reason = f"{task.stage} '{task.label}' failed: {failure.reason}"
+        reason = f"{task.stage.name} '{task.label}' failed: {failure.reason}"
         because = replace(failure, reason=reason, follows=True)
         falling = [task]
         for current in falling:

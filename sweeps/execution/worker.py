@@ -15,12 +15,11 @@ from cachetools import LRUCache, cached
 
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import NOTED_S, about
+from sweeps.stages.stage import Stage
+from sweeps.stages.task import Task
+from sweeps.stages.train import FinetuneStage, Network, TrainedDetector
 from sweeps.store.local import Note, Store
 from sweeps.store.result_folder import R, Ran
-from sweeps.tasks.parameters import NetworkParams
-from sweeps.tasks.results import Trained
-from sweeps.tasks.stages import FUNCTIONS
-from sweeps.tasks.task import Task
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0
     files, not sent: workers on one machine share the pages, and clouds larger than the memory can
     be trained on. A network takes `gpu_share` of a GPU's memory; `halvings` is how often its batch
     size is halved, after that was too small."""
-    if isinstance(task.params, NetworkParams) and gpu_share:
+    if isinstance(task.stage, Network) and gpu_share:
         import torch
 
         if torch.cuda.is_available():  # batches that need more do not fit
@@ -59,25 +58,26 @@ def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0
         reset_peak_memory()
         inputs = [_load(store, needed) for needed in task.inputs]
         start = time.perf_counter()
-        call = partial(FUNCTIONS[task.stage], task.params, *inputs)
-        if task.resumable:
-            how = {"on_step": _Progress(task, note).on_step, "halvings": halvings}
+        call = partial(task.stage.run, *inputs)
+        if isinstance(task.stage, FinetuneStage):
+            on_step = _Progress(task.stage.training.epochs, note).on_step
+            how = {"on_step": on_step, "halvings": halvings}
             with store.working_folder(task) as folder:
                 value = call(folder=folder, **how)
         else:
             value = call()
         seconds = time.perf_counter() - start
         ran = Ran(node, pid, peak_memory())
-        if isinstance(value, Trained):
+        if isinstance(value, TrainedDetector):
             seconds += value.earlier_seconds
             ran = Ran(node, pid, ran.peak_memory, value.batch_size_reduced, value.earlier_seconds)
         store.save(task, value, seconds, ran)
-        if task.resumable:
+        if task.stage.resumable:
             store.discard(task)
 
 
 @cached(LRUCache(maxsize=4), key=lambda store, task: (store, task.key))
-def _load(store: Store, task: Task[R]) -> R:
+def _load(store: Store, task: Task[Stage[R]]) -> R:
     """An input. Tasks that follow one another on a worker often share one, such as a POG."""
     return store.load(task)
 
@@ -85,14 +85,14 @@ def _load(store: Store, task: Task[R]) -> R:
 class _Progress:
     """Notes now and then how much of a training is done, and when it may end."""
 
-    def __init__(self, task: Task, note: Callable[[str], None]) -> None:
-        self._task = task
+    def __init__(self, epochs: int, note: Callable[[str], None]) -> None:
+        self._epochs = epochs
         self._note = note
         self._first: tuple[float, float] | None = None
         self._noted = -math.inf
 
     def on_step(self, done: float) -> None:
-        now, epochs = time.monotonic(), self._task.params.training.epochs
+        now, epochs = time.monotonic(), self._epochs
         since, before = self._first = self._first or (now, done)
         if now - self._noted < NOTED_S:
             return

@@ -10,7 +10,7 @@ from lidarplace.base.metrics import Overlaps, headline_metric, iou_of
 from lidarplace.files.secret_urls import hide_secrets
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
-from sweeps.plan.plan import further_axes
+from sweeps.plan.labels import further_axes
 from sweeps.plan.trial import DetectorTrial, Trial
 from sweeps.results.trial_results import axis_values
 from tracking.mlflow.content import Dataset
@@ -89,7 +89,7 @@ def datasets(trial: DetectorTrial) -> list[Dataset]:
     collected, frames_of_trial = (trial.learns.inputs, trial.collect_test), []
     counts = trial.grid_point.point.scene.frame_counts()
     for context, tasks, frames in zip(contexts, collected, counts, strict=True):
-        of_split = (t for t in tasks if t.stage == "collect" and t.params.split == context)
+        of_split = (task for task in tasks if getattr(task.stage, "split", None) == context)
         scenes = [task.inputs[0] for task in of_split]
         name, keys = f"{trial.scene_label} {context}", "/".join(task.key for task in scenes)
         digest = keys if len(scenes) == 1 else hashlib.sha256(keys.encode()).hexdigest()[:24]

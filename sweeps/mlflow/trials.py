@@ -18,8 +18,8 @@ from sweeps.results.trial_results import (
     trial_results,
     trial_seconds,
 )
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
-from sweeps.tasks.task import Task
 from tracking.mlflow.content import EndedTrial, TrialRun, requirement_metrics, trial_metrics
 
 
@@ -125,7 +125,7 @@ def _pictures(trial: DetectorTrial, store: Store, folder: Path) -> list[Path]:
     placement = folder / trial.collect_test[0].key / "placement.png"
     curves = folder / trial.key / "precision_recall.png"
     if not placement.exists():
-        rig = trial.surrogates.params.placement
+        rig = trial.surrogates.stage.placement
         name = trial.grid_point.point.placement
         draw_rig(placement, name, rig.mounts, rig.lidars, trial.grid_point.vehicle)
     table = store.read(trial.evaluate, lambda found: found.pr_curves)

@@ -111,7 +111,7 @@ def check_network(
     detector: str, classes: Sequence[str], point_range: Crop, typical: tuple[TypicalObject, ...]
 ) -> None:
     """Build a network of a plug-in: errors are reported before hours of scenes."""
-    if NETWORKS.roots([network_of(detector)]):
+    if NETWORKS.modules([network_of(detector)]):
         with at(key="detector"):
             build_detector(detector, classes, point_range=point_range, typical=typical)
 

@@ -12,7 +12,7 @@ from rich.table import Table as RichTable
 from lidarplace.command_line.terminal import table
 from lidarplace.requirements.tables import extents
 from sweeps.configuration.grid import Sweep
-from sweeps.execution.memory import machine_memory, voxel_memory
+from sweeps.execution.memory import machine_memory
 from sweeps.plan.trial import Plan
 from sweeps.results.promotion import at_most
 from sweeps.results.rig_cautions import rig_cautions
@@ -50,8 +50,8 @@ def describe_dry_run(sweep: Sweep, plan: Plan, store: Store) -> DryRun:
     """Count the tasks of a plan, and those that have a result."""
     cached = store.finished(plan.tasks)
     tasks = at_most(sweep, plan)
-    total = Counter(task.stage for task in tasks)
-    finished = Counter(task.stage for task in tasks if task.key in cached)
+    total = Counter(task.stage.name for task in tasks)
+    finished = Counter(task.stage.name for task in tasks if task.key in cached)
     frames = {t.scene_label: t.grid_point.point.scene.frame_counts() for t in plan.trials}
     counts = ("train_frames", "test_frames")
     return DryRun(
@@ -75,7 +75,7 @@ def describe_dry_run(sweep: Sweep, plan: Plan, store: Store) -> DryRun:
         ],
         requirements=extents(plan.laid),
         anchors=as_plain(plan.typical),
-        memory=max(map(voxel_memory, tasks)),
+        memory=max(task.stage.need().memory for task in tasks),
         cautions=[*plan.cautions, *rig_cautions(plan)],
     )
 

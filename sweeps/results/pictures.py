@@ -14,8 +14,8 @@ from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.table import DECIDING
 from lidarplace.requirements.tables import Ground
 from sweeps.plan.trial import DetectorTrial, Plan, Trial
+from sweeps.stages.pog import grids_of
 from sweeps.store.local import Store
-from sweeps.tasks.stages import grids_of
 from tracking.run_folders.arrays import Frame, Grounds, Maps
 
 MOST_UNTESTED = 12

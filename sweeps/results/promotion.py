@@ -19,8 +19,8 @@ from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Rung
 from sweeps.plan.trial import Plan, Trial, with_detector
 from sweeps.results.trial_results import Cell, cells, headline_value, trial_seconds
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
-from sweeps.tasks.task import Task
 
 _ALL = "all"
 

@@ -16,7 +16,7 @@ from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import Interleaving
 from lidarplace.mounting.vehicle import Vehicle
 from sweeps.plan.trial import Plan, Trial, with_detector
-from sweeps.tasks.parameters import CollectParams
+from sweeps.stages.collect import CollectStage
 from tracking.labels import digits
 
 MOST_NAMED = 8
@@ -51,7 +51,7 @@ def rig_cautions(plan: Plan) -> list[str]:
         sentences.append(f"So do rings of {more} rigs more, of each at most {least:.0f} %.")
     blinded = []
     for name, trials in by_rig.items():
-        placement, vehicle = trials[0].surrogates.params.placement, trials[0].grid_point.vehicle
+        placement, vehicle = trials[0].surrogates.stage.placement, trials[0].grid_point.vehicle
         blinded += facing(placement, sedan() if vehicle is None else vehicle, name)
     sentences += blinded[:MOST_NAMED]
     if len(blinded) > MOST_NAMED:
@@ -63,7 +63,7 @@ def rig_cautions(plan: Plan) -> list[str]:
 
 def _wasted(name: str, trial: Trial) -> list[str]:
     """Name the LiDARs that see next to nothing of the ROI, or mostly the vehicle itself."""
-    placement, roi = trial.surrogates.params.placement, trial.pog.params.roi
+    placement, roi = trial.surrogates.stage.placement, trial.pog.stage.roi
     body, sentences = trial.grid_point.vehicle, []
     for number, (mount, lidar) in enumerate(
         zip(placement.mounts, placement.lidars, strict=True), start=1
@@ -107,14 +107,13 @@ def coinciding(name: str, interleaving: Interleaving) -> str:
 def _outside(name: str, trials: Sequence[Trial]) -> str | None:
     for trial in with_detector(trials):
         training = trial.learns
-        if training.stage != "pretrain" or not trial.collect_test:
+        if training.stage.name != "pretrain" or not trial.collect_test:
             continue
-        seen = [t.params.placement for t in training.inputs if isinstance(t.params, CollectParams)]
-        params = trial.collect_test[0].params
-        if (
-            isinstance(params, CollectParams)
-            and (beyond := outside(params.placement, seen)) is not None
-        ):
+        rigs = [t.stage.placement for t in training.inputs if isinstance(t.stage, CollectStage)]
+        stage = trial.collect_test[0].stage
+        if not isinstance(stage, CollectStage):
+            continue
+        if (beyond := outside(stage.placement, rigs)) is not None:
             return beyond_what_is_seen(name, beyond)
     return None
 

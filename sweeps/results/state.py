@@ -12,9 +12,9 @@ from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.plan.trial import Plan, Trial
 from sweeps.results.promotion import at_most, promote
 from sweeps.results.trial_results import trial_failure
+from sweeps.stages.task import Task
 from sweeps.store.local import Note, Store
 from sweeps.store.lock import is_locked
-from sweeps.tasks.task import Task
 
 Status = Literal["done", "running", "stopped", "waiting", "failed", "pruned"]
 
@@ -68,7 +68,7 @@ def sweep_state(sweep: Sweep, plan: Plan, store: Store) -> SweepState:
         expected = at_most(sweep, plan)
     stages: dict[str, Counter[str]] = {}
     for task in expected:
-        stages.setdefault(task.stage, Counter())[snapshot.status(task)] += 1
+        stages.setdefault(task.stage.name, Counter())[snapshot.status(task)] += 1
     return SweepState(
         name=sweep.common.name,
         alive=snapshot.alive,
@@ -109,7 +109,7 @@ class _Snapshot:
                 note = self.notes[task.key]
                 where = f"{note.node}, process {note.pid}, since {note.since}"
                 far = f", {note.progress}" if note.progress else ""
-                return TrialState(trial.label, self._running, f"{task.stage} on {where}{far}")
+                return TrialState(trial.label, self._running, f"{task.stage.name} on {where}{far}")
         return TrialState(trial.label, "waiting")
 
     @property

@@ -8,9 +8,9 @@ import pandas as pd
 
 from sweeps.execution.failures import Failure
 from sweeps.plan.trial import DetectorTrial, Trial
+from sweeps.stages.evaluate import EvaluationResult
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
-from sweeps.tasks.results import Evaluated
-from sweeps.tasks.task import Task
 from tracking.findings.groups import ONE_FOR_ALL
 from tracking.kitti_iou import at_headline_iou
 
@@ -27,7 +27,7 @@ def trial_results(
     trial: DetectorTrial,
     store: Store,
     axes: Sequence[str],
-    table: Callable[[Evaluated], pd.DataFrame] = lambda found: found.metrics,
+    table: Callable[[EvaluationResult], pd.DataFrame] = lambda found: found.metrics,
 ) -> pd.DataFrame:
     """Read a table of a trial's evaluation, its identity in front."""
     return with_columns(store.read(trial.evaluate, table), identity(trial, axes))

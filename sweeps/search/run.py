@@ -39,9 +39,9 @@ from sweeps.search.verification.winners import (
     exact,
     judged,
 )
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
 from sweeps.store.open import reference
-from sweeps.tasks.task import Task
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.page import source_tags

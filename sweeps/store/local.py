@@ -13,12 +13,13 @@ from pathlib import Path
 from lidarplace.base.errors import InputError
 from lidarplace.files.atomic import naming, sync, temporary, unique, write_text
 from lidarplace.files.regular import regular
+from sweeps.stages.stage import Stage
+from sweeps.stages.task import Task
 from sweeps.store import result_folder as results
 from sweeps.store.entries import SWEEPS, Entry, entry_of, keys_in
 from sweeps.store.lock import locked
 from sweeps.store.result_folder import DamagedResult, R, Ran, Record, T
 from sweeps.store.whole import whole_folder
-from sweeps.tasks.task import Task
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Store:
         return str(self.folder)
 
     def path(self, task: Task) -> Path:
-        return self.folder / task.stage / task.key
+        return self.folder / task.stage.name / task.key
 
     def finished(self, tasks: Iterable[Task]) -> set[str]:
         return {task.key for task in self._with(lambda task: task.key, tasks)}
@@ -52,24 +53,24 @@ class Store:
     def has(self, task: Task) -> bool:
         return self.path(task).is_dir()
 
-    def save(self, task: Task[R], value: R, seconds: float, ran: Ran = Ran()) -> None:
+    def save(self, task: Task[Stage[R]], value: R, seconds: float, ran: Ran = Ran()) -> None:
         """Write a result and the seconds that it took. One that is there already stays. Raises
         OSError: it cannot be written, nothing of it is left; TypeError as `write_result`."""
         with self.incoming(task) as folder:
             record = Record(label=task.label, seconds=seconds, **asdict(ran))
-            results.write_result(folder, value, f"{task.stage}/{task.key}", record)
+            results.write_result(folder, value, f"{task.stage.name}/{task.key}", record)
 
-    def load(self, task: Task[R]) -> R:
+    def load(self, task: Task[Stage[R]]) -> R:
         """Read a result. Large arrays are mapped, read-only. Raises FileNotFoundError: there is
         none; KeyError: it lacks a field; DamagedResult: it is not what was written, and is
         removed."""
-        return self.read(task, results.whole(task.result))
+        return self.read(task, results.whole(task.stage.result()))
 
-    def read(self, task: Task[R], of: Callable[[R], T]) -> T:
+    def read(self, task: Task[Stage[R]], of: Callable[[R], T]) -> T:
         """What `of` takes from a result, of which no other fields are read; raises as `load`."""
         folder = self.path(task)
         with _removed_if_damaged(folder):
-            found = results.read_result(folder, task.result, of)
+            found = results.read_result(folder, task.stage.result(), of)
         with suppress(OSError):  # a disk may be read-only; the time is for cleaning alone
             os.utime(folder)
         return found
@@ -199,10 +200,10 @@ class Store:
         return locked(self.folder, alone=True)
 
     def _hidden(self, task: Task, kind: str) -> Path:
-        return self.folder / task.stage / f".{task.key}.{kind}"
+        return self.folder / task.stage.name / f".{task.key}.{kind}"
 
     def _note_place(self, task: Task) -> str:
-        return f"{task.stage}/{self.note(task).name}"
+        return f"{task.stage.name}/{self.note(task).name}"
 
     def _noted(self, tasks: Iterable[Task]) -> Iterator[Task]:
         return self._with(lambda task: self.note(task).name, tasks)
@@ -211,9 +212,9 @@ class Store:
         """Tasks of which a name is in the stage's folder: one listing, however many tasks."""
         there: dict[str, Collection[str]] = {}
         for task in tasks:
-            if task.stage not in there:
-                there[task.stage] = self._names(task.stage)
-            if name(task) in there[task.stage]:
+            if task.stage.name not in there:
+                there[task.stage.name] = self._names(task.stage.name)
+            if name(task) in there[task.stage.name]:
                 yield task
 
     def _names(self, stage: str) -> Collection[str]:

@@ -11,13 +11,14 @@ from fsspec.core import url_to_fs
 
 from lidarplace.base.errors import InputError
 from lidarplace.files.secret_urls import public_url
+from sweeps.stages.stage import Stage
+from sweeps.stages.task import Task
 from sweeps.store import result_folder as results
 from sweeps.store.checkpoint_mirror import fetch, mirrored
 from sweeps.store.entries import SWEEPS, Entry, entry_of
 from sweeps.store.local import Note, Store
 from sweeps.store.result_folder import RECORD, DamagedResult, R, Ran, Record, T
 from sweeps.store.whole import put_whole
-from sweeps.tasks.task import Task
 
 
 @dataclass(frozen=True)
@@ -38,16 +39,18 @@ class RemoteStore(Store):
     def has(self, task: Task) -> bool:
         """Whether the result is there; a copy alone does not count, others cannot read it."""
         filesystem, root = self._remote()
-        return bool(filesystem.exists(f"{root}/{task.stage}/{task.key}/{RECORD}"))
+        return bool(filesystem.exists(f"{root}/{task.stage.name}/{task.key}/{RECORD}"))
 
-    def save(self, task: Task[R], value: R, seconds: float, ran: Ran = Ran()) -> None:
+    def save(self, task: Task[Stage[R]], value: R, seconds: float, ran: Ran = Ran()) -> None:
         with suppress(FileNotFoundError, DamagedResult):
-            super().read(task, results.whole(task.result))  # a copy stays only if it is whole
+            super().read(
+                task, results.whole(task.stage.result())
+            )  # a copy stays only if it is whole
         super().save(task, value, seconds, ran)
         if self.has(task):
             return
         filesystem, root = self._remote()
-        folder, target = self.path(task), f"{root}/{task.stage}/{task.key}"
+        folder, target = self.path(task), f"{root}/{task.stage.name}/{task.key}"
         content = results.read_content(folder)
         if content.files:
             filesystem.put(
@@ -56,7 +59,7 @@ class RemoteStore(Store):
             )
         put_whole(filesystem, folder / RECORD, f"{target}/{RECORD}")
 
-    def read(self, task: Task[R], of: Callable[[R], T]) -> T:
+    def read(self, task: Task[Stage[R]], of: Callable[[R], T]) -> T:
         """Copies all files of the result here first. A damaged copy is replaced once. If that is
         damaged too, so is what it was copied from."""
         copied = super().has(task)
@@ -66,7 +69,7 @@ class RemoteStore(Store):
             return super().read(task, of)
         except DamagedResult as error:
             if not copied:
-                self._remove_result(f"{task.stage}/{task.key}")
+                self._remove_result(f"{task.stage.name}/{task.key}")
                 raise
             logging.getLogger(__name__).warning("%s from %s", error, self.shown)
         return self.read(task, of)
@@ -74,7 +77,7 @@ class RemoteStore(Store):
     def record(self, task: Task) -> Record:
         with suppress(FileNotFoundError, DamagedResult):
             return super().record(task)
-        place = f"{task.stage}/{task.key}"
+        place = f"{task.stage.name}/{task.key}"
         data = self._read(f"{place}/{RECORD}")
         try:
             return results.parse_content(data, place, f"{self.shown}/{place}").record
@@ -87,15 +90,15 @@ class RemoteStore(Store):
         """The folder is copied there every few seconds, so that another machine can go on."""
         filesystem, root = self._remote()
         attempts = self.attempts(task)
-        place = f"{root}/{task.stage}/{attempts.name}"
+        place = f"{root}/{task.stage.name}/{attempts.name}"
         fetch(filesystem, place, attempts)
         with super().working_folder(task) as folder, mirrored(folder, filesystem, place):
             yield folder
 
     def discard(self, task: Task) -> None:
         super().discard(task)
-        if task.resumable:
-            self._remove(f"{task.stage}/{self.attempts(task).name}")
+        if task.stage.resumable:
+            self._remove(f"{task.stage.name}/{self.attempts(task).name}")
         self._remove_file(self._note_place(task))
 
     @contextmanager
@@ -181,7 +184,7 @@ class RemoteStore(Store):
 
     def _copy_here(self, task: Task) -> None:
         filesystem, root = self._remote()
-        place = f"{task.stage}/{task.key}"
+        place = f"{task.stage.name}/{task.key}"
         with self.incoming(task) as folder:
             filesystem.get_file(f"{root}/{place}/{RECORD}", str(folder / RECORD))
             data = (folder / RECORD).read_bytes()

@@ -11,12 +11,12 @@ _SURROGATE_AXES = ("scene", "roi", "lidar", "vehicle", "weather", "surrogate")
 _CLOUD_AXES = ("scene", "roi", "lidar", "vehicle", "weather", "mounting_errors")
 
 _TRIAL = Column("trial", "str", "key of the trial, as in `--dry-run` and MLflow")
-_PLACEMENT = Column("placement", "str", "its name")
+PLACEMENT = Column("placement", "str", "its name")
 _DETECTOR = Column("detector", "str", "its name; empty without one", unknown="")
 _SEED = Column("seed", "int64", "seed of the training")
 _CLASS = Column("class", "str", "object class")
 _SURROGATE = Column("surrogate", "str", "its name in the configuration")
-_OF_SURROGATE = (_PLACEMENT, _CLASS, _SURROGATE)
+_OF_SURROGATE = (PLACEMENT, _CLASS, _SURROGATE)
 _METHOD = Column("method", "str", "method of coverage or of rays: `cone`, `dda`, `bresenham`")
 _PERCENT = Column("value", "float64", "percent", finite=True)
 _FROM = Column("from_m", "float64", "inner bound of the ring around the vehicle, m")
@@ -24,7 +24,7 @@ _RING = (_FROM, Column("to_m", "float64", "outer bound, m"))
 _METRICS = [f"`{name}`" for name in METRICS]
 _OF_TRIAL = (
     _TRIAL,
-    _PLACEMENT,
+    PLACEMENT,
     Column("detector", "str", "its name"),
     _SEED,
     Column("class", "str", "object class; `all` for the recall of all objects"),
@@ -68,7 +68,7 @@ SURROGATES = Table.of(
 TRIALS = Table.of(
     "trials",
     "a trial, finished or not",
-    *(_TRIAL, _PLACEMENT, _DETECTOR, _SEED),
+    *(_TRIAL, PLACEMENT, _DETECTOR, _SEED),
     Column("seconds", "float64", "of training and evaluation, else of the surrogates, s"),
     Column("status", "str", "`finished`, `failed` or `pruned`"),
     Column("error", "str", "why it failed or was pruned"),
@@ -134,7 +134,7 @@ LEFT_OUT = Table.of(
 POINTS = Table.of(
     "points",
     "points on the objects of a class in one ring of the test frames",
-    *(_PLACEMENT, _CLASS, *_RING),
+    *(PLACEMENT, _CLASS, *_RING),
     Column("objects", "int64", "in the ring"),
     *(Column(name, "float64", "points an object") for name in ("mean", "median")),
     Column("p10", "float64", "10 % quantile of the points per object"),
@@ -214,7 +214,7 @@ POG_RESAMPLES = Table.of(
 REQUIREMENTS = Table.of(
     "requirements",
     "a requirement under a placement in one case, as built first",
-    _PLACEMENT,
+    PLACEMENT,
     Column("requirement", "str", "its name"),
     Column("measure", "str", "`points`, `cells`, …, and by how many sensors"),
     Column("at_least", "float64", "required value"),
@@ -238,7 +238,7 @@ PROMOTIONS = Table.of(
     "promotions",
     "a placement on a rung of `promote`",
     Column("rung", "int64", "from 0"),
-    *(_DETECTOR, _PLACEMENT),
+    *(_DETECTOR, PLACEMENT),
     Column("by", "str", "the surrogate or metric that ranks"),
     Column("class", "str", "of that value; `all` for a sum over classes"),
     Column("value", "float64", "that it was ranked by"),

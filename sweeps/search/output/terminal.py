@@ -10,7 +10,7 @@ from lidarplace.command_line.terminal import table
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
-from sweeps.plan.plan import ignored
+from sweeps.plan.plan import unused_sensor_warnings
 from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding, facing
 from sweeps.search.greedy.certificate import why_none
 from sweeps.search.output.tables import mount_columns
@@ -49,7 +49,7 @@ def warnings_of(problem: Problem) -> list[str]:
         if own.by in SURROGATES and SURROGATES[own.by].contested and own.best == "maximize"
     ]
     begun_with = {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
-    further = ignored("each rig", settings.further_settings)
+    further = unused_sensor_warnings("each rig", settings.further_settings)
     warnings = [*contested, *problem.cautions, *further, *greedy_warnings(problem)]
     return warnings + rig_warnings(begun_with, problem)
 

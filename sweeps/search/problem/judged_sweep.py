@@ -12,13 +12,14 @@ from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import DetectorTrial, with_detector
 from sweeps.search.problem.choice import Choice, Choices, ordered
 from sweeps.search.problem.problem import Problem
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
+from sweeps.stages.train import FinetuneStage
 
 JudgedRig = Sequence[Sequence[DetectorTrial]]
 """A rig's trials: of every generalist one for each test."""
 
 
-def generalists(problem: Problem) -> dict[int, Task]:
+def generalists(problem: Problem) -> dict[int, Task[FinetuneStage]]:
     """The trainings of the generalists by seed; none where it is that of a file."""
     if problem.pretrained:
         return {}
@@ -31,12 +32,12 @@ def generalists(problem: Problem) -> dict[int, Task]:
     model, line = problem.space.models[0], PAPER_PLACEMENTS["line"]
     some = next(iter(rigs.values()), ordered(Choice(model, "", mount) for mount in line.mounts))
     trials = _trials(problem, {"judged": some}, rigs, changes)
-    return {trial.grid_point.point.seed: trial.learns for trial in trials}
+    return {t.grid_point.point.seed: t.finetune for t in trials if t.finetune is not None}
 
 
 def judged_rigs(
     problem: Problem,
-    trained: Mapping[int, Task],
+    trained: Mapping[int, Task[FinetuneStage]],
     rigs: Mapping[str, Choices],
     tests: Sequence[Mapping[str, Any]],
 ) -> dict[str, JudgedRig]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
 from lidarplace.base.class_names import check_among
+from lidarplace.base.code_version import code_version
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.metrics import METRICS
 from lidarplace.base.plugin_folders import plugin_folder
@@ -43,8 +44,8 @@ from sweeps.search.problem.choice import Choice, Choices, ordered, placement_of
 from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep_outs
 from sweeps.search.problem.space import Placed, Space, placed_in
 from sweeps.search.problem.training_rigs import rigs_near, training_rigs
-from sweeps.tasks.code_version import code_version
-from sweeps.tasks.task import Task, code_of, plain
+from sweeps.stages.task import Task, plain
+from training import code_of_network, network_of
 
 _ANSWERING = {
     *("lidar", "weather", "surrogate", "placement", "placements"),
@@ -86,17 +87,17 @@ class Problem(SearchConfig):
         text = json.dumps(content, sort_keys=True, default=plain)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
-    def _code(self) -> list[str]:
-        """Versions of the code that answers trials, but for scenes: the POG's key has that."""
+    def _code(self) -> str:
+        """Version of the code that answers trials, but for scenes: the POG's key has that."""
         asked = [part.by for own in self.file.search.objective for part in own.parts]
-        own = ("sweeps.search.problem.assess.assess", "sweeps.search.problem.space.Space")
-        surrogates = SURROGATES.roots(by for by in asked if by in SURROGATES)
-        found = [code_version(*own, *surrogates, *METRICS.roots(b for b in asked if b in METRICS))]
+        modules = ["sweeps.search.problem.assess", "sweeps.search.problem.space"]
+        modules += SURROGATES.modules(by for by in asked if by in SURROGATES)
+        modules += METRICS.modules(by for by in asked if by in METRICS)
         if self.judged:
-            weights = "pretrained" if self.pretrained else "pretrain"
-            stages = ("ground_truth", "collect", weights, "judge", "evaluate")
-            found += [code_of(stage, self.file.detector) for stage in stages]
-        return found
+            assert self.file.detector is not None
+            network = network_of(self.file.detector)
+            modules += ["sweeps.stages.evaluate", *code_of_network(network)]
+        return code_version(*modules)
 
     @property
     def judged(self) -> bool:

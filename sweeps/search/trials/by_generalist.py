@@ -25,11 +25,13 @@ from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.aggregate import metrics_over_tests, weighted_value
 from sweeps.search.trials.study import finished_trials
 from sweeps.search.trials.traffic import Asked, Measured, Pool, SurrogateAnswers
+from sweeps.stages.collect import CollectStage
+from sweeps.stages.evaluate import DetectStage, EvaluateStage, EvaluationResult
+from sweeps.stages.ground_truth import GroundTruthStage
+from sweeps.stages.stage import Stage
+from sweeps.stages.task import Task, tasks_of, with_inputs
 from sweeps.store.local import Store
 from sweeps.store.open import reference
-from sweeps.tasks.parameters import CollectParams, JudgeParams
-from sweeps.tasks.results import Evaluated, GroundTruth, Judged
-from sweeps.tasks.task import Task, with_inputs
 
 PORTIONS = 4
 """The first portion of the frames is one of so many."""
@@ -108,7 +110,7 @@ class GeneralistAnswers(SurrogateAnswers):
                 task
                 for tests in own
                 for trial in tests
-                for task in (*_judging(trial, portions), *trial.test_truths)
+                for task in [*_judging(trial, portions), *trial.test_truths]
             )
             for number, own in by_number.items()
         }
@@ -165,8 +167,8 @@ def expected_on_all(first: float, both: Sequence[tuple[float, float]]) -> float:
 
 def judged_metrics(
     store: Store,
-    portions: Sequence[Task[Judged]],
-    truths: Sequence[Task[GroundTruth]],
+    portions: Sequence[Task[DetectStage]],
+    truths: Sequence[Task[GroundTruthStage]],
     classes: Sequence[str],
     ious: Mapping[str, Overlaps],
     metrics: Sequence[str],
@@ -187,20 +189,22 @@ def judged_metrics(
     ).metrics
 
 
-def judge_task(evaluate: Task[Evaluated], first: int, every: int) -> Task[Judged]:
-    """The detections that `evaluate`, of a rig whose clouds are simulated, starts from, in frames
-    `first`, `first + every` … of each part of the scene, and without kept clouds."""
-    training, *inputs = evaluate.inputs
-    collected = [task for task in inputs if isinstance(task.params, CollectParams)]
-    collection = replace(collected[0].params, first=first, every=every)
-    return Task(
-        "judge",
-        f"{evaluate.label} · frames {first + 1} of {every}",
-        JudgeParams(**vars(evaluate.params) | {"ious": (), "metrics": ()}, collection=collection),
-        (training, *(scene for task in collected for scene in task.inputs)),
-        gpu=True,
-    )
+def detect_task(
+    evaluate: Task[Stage[EvaluationResult]], first: int, every: int
+) -> Task[DetectStage]:
+    """Return the task of the detections that `evaluate` compares, without kept clouds.
+
+    `evaluate`: of a rig whose clouds are simulated. `first`, `every`: frames `first`, `first +
+    every` … of each part of the scene.
+    """
+    network, (weights, *inputs) = evaluate.stage, evaluate.inputs
+    assert isinstance(network, EvaluateStage)
+    collected = tasks_of(CollectStage, inputs)
+    collection = replace(collected[0].stage, first=first, every=every)
+    stage = DetectStage(**vars(network) | {"ious": (), "metrics": ()}, collection=collection)
+    label = f"{evaluate.label} · frames {first + 1} of {every}"
+    return Task(stage, label, (weights, *(scene for task in collected for scene in task.inputs)))
 
 
-def _judging(trial: DetectorTrial, portions: range) -> list[Task[Judged]]:
-    return [judge_task(trial.evaluate, portion, PORTIONS) for portion in portions]
+def _judging(trial: DetectorTrial, portions: range) -> list[Task[DetectStage]]:
+    return [detect_task(trial.evaluate, portion, PORTIONS) for portion in portions]
