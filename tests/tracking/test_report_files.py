@@ -10,7 +10,7 @@ from test_report import Page
 
 from tracking.figures.kit.style import figure
 from tracking.pages import page
-from tracking.pages.page import SECTIONS_ALONE, write_csv_files, write_page
+from tracking.pages.html_page import SECTIONS_ALONE, write_csv_files, write_page
 from tracking.pages.section import Section, Table, figure_title, slug
 
 
