@@ -107,7 +107,7 @@ class SweepWork:
         cached = store.finished(plan.tasks)
         failures = FailureFolder(folder / "failed")
         try:
-            known = failures.known(self.rerun_failed, cached)
+            known = failures.lasting(self.rerun_failed, cached)
         except ValueError as error:
             wrong(error)
         outcome = Outcome()
