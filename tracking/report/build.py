@@ -71,7 +71,9 @@ def write_report(analysis: Analysis, frames: FailureFrames | None) -> Path:
     sections = list(by_name.values())
     for section in sections:
         section.tables = [table.without_dashes() for table in section.tables]
-    statements = [s for own in analysis.recommended for s in own.statements.values()]
+    statements = [
+        s for recommended in analysis.recommended for s in recommended.statements.values()
+    ]
     statements = statements or [
         statement for group in analysis.groups for statement in surrogate_statements(run, group)
     ]

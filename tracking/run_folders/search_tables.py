@@ -1,4 +1,4 @@
-"""The tables of a search's run folder."""
+"""Tables of a search's run folder."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -31,7 +31,7 @@ TRIALS = Table.of(
     Column("lidar_N.roll_deg", "float64", "degrees; and `pitch_deg`, `yaw_deg`", needed=False),
     needed=True,
 )
-"""With capitals for what depends on the search, see `trials_of`."""
+"""Trials of a search, with capitals for what depends on the search, see `trials_of`."""
 BOUND = Table.of(
     "bound",
     "a step of the upper bound",
@@ -92,7 +92,7 @@ TABLES = (TRIALS, BOUND, GREEDY, ROBUSTNESS, REQUIREMENTS, CHOSEN, VERIFIED)  # 
 
 
 def trials_of(objectives: Iterable[str], constraints: Iterable[str]) -> Table:
-    """`TRIALS` with a value of each objective and a violation of each constraint."""
+    """Make `TRIALS` with a value of each objective and a violation of each constraint."""
     values = [replace(_VALUE, name=f"value.{name}") for name in objectives]
     violations = [replace(_VIOLATION, name=f"violation.{name}") for name in constraints]
     at = TRIALS.columns.index(_VALUE)

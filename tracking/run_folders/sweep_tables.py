@@ -1,4 +1,4 @@
-"""The tables of a sweep's run folder."""
+"""Tables of a sweep's run folder."""
 
 import math
 

@@ -65,7 +65,7 @@ def write_decision(
             f.name for f in (run.path / FOLDER).glob("*.csv") if _CSV_FILES.match(f.name)
         ),
         dashboard=None if run.sweep.detections else command("dashboard", str(run.path)),
-        next_steps=[{"what": what, "line": line} for what, line in steps],
+        next_steps=[{"what": step, "line": line} for step, line in steps],
     )
 
 
