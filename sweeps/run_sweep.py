@@ -106,7 +106,7 @@ class SweepWork:
         cached = store.finished(plan.tasks)
         failures = FailureFolder(folder / "failed")
         try:
-            lasting_failures = failures.known(self.rerun_failed, cached)
+            lasting_failures = failures.lasting(self.rerun_failed, cached)
         except ValueError as error:
             wrong(error)
         outcome = Outcome()
