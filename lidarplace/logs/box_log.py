@@ -121,8 +121,8 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
 
     They are renamed into place when all of them are written."""
     folder.mkdir(parents=True, exist_ok=True)
-    further = (*POSE_COLUMNS, *FULL_POSE_COLUMNS, SOURCE)
-    further = tuple(name for name in further if name in log.frames.columns)
+    optional = (*POSE_COLUMNS, *FULL_POSE_COLUMNS, SOURCE)
+    further = [name for name in optional if name in log.frames.columns]
     if not log.rigs:
         (folder / RIG_FILE).unlink(missing_ok=True)
     if not log.world:

@@ -22,7 +22,7 @@ from sweeps.search.verification.winners import Found, Judged
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
-from tracking.search_report.headline import answer, next_steps, shown
+from tracking.search_report.headline import answer, format_value, next_steps
 
 _TO_THE_LETTER = (
     "objective {name}: entropies are not negative, so every LiDAR lowers it, and it is highest for "
@@ -149,7 +149,7 @@ def _print_rigs(
     ]
     for name, own in rigs.items():
         found, values = own.assessment, own.all_values
-        cells = [shown(o, values[o.name]) if o.name in values else "" for o in objectives]
+        cells = [format_value(o, values[o.name]) if o.name in values else "" for o in objectives]
         broken = {c: " !" if found.violations[c] > 0 else "" for c in limits}
         rows.append((name, *cells, *(f"{found.measures[c]:.3g}{broken[c]}" for c in limits)))
     head = ("placement", *(o.label for o in objectives), *limits)
