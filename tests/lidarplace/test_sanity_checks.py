@@ -61,17 +61,6 @@ def test_motion_shows_the_unit_of_yaw(poses, straight):
         assert value.remedy == "units.angle: rad"
 
 
-def test_radians_of_the_world_taken_for_degrees():
-    log = traffic(5, objects=9)
-    ego = log.frames.set_index("frame")["ego_yaw"].loc[log.boxes["frame"]].to_numpy()
-    wrong = np.radians(log.boxes["yaw"] + ego) - ego
-    (value,) = implausible_motion(with_yaw(log, wrong))
-    assert value.remedy == "units.angle: rad"
-    # Few steps show nothing.
-    log = traffic(5, drives=1, frames=2)
-    assert list(implausible_motion(with_yaw(log, np.degrees(log.boxes["yaw"])))) == []
-
-
 @settings(max_examples=10)
 @given(seed=st.integers(0, 10_000))
 def test_random_yaw_shows_no_unit(seed):
