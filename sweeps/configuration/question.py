@@ -148,7 +148,7 @@ def check_asked(
         check_dead(own, kinds)
         if own.common_view is not None:
             with at(key=f"{own.name!r}: {rig.name!r}"):
-                check_pairs(own.common_view.asked(), len(kinds))
+                check_pairs(own.common_view.view(), len(kinds))
     check_mounts(rig, vehicle)
 
 

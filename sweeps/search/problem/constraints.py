@@ -161,7 +161,7 @@ def _of_requirements(rig: Choices, carrier: Carrier) -> dict[str, float]:
     found = {}
     for name, outcome in zip(names, carrier.judged(rig), strict=True):
         found[name] = outcome.worst.value
-        found[f"enough.{name}"] = min(finding.enough for finding in outcome.findings)
+        found[f"enough.{name}"] = min(case.enough for case in outcome.cases)
     return found
 
 
