@@ -22,7 +22,7 @@ import typer
 
 from sweeps.benchmark.rigs import METRICS, log_of, of, trials
 from sweeps.plan.trial import with_detector
-from sweeps.search.trials.by_generalist import judge_task
+from sweeps.search.trials.by_generalist import detection_task
 from sweeps.tasks import stages
 from training.checkpoints import read_checkpoint
 from training.detect import detect
@@ -51,7 +51,7 @@ def main(
     truth = stages.ground_truth(judged[0].ground_truths[0].params, log).objects
     rows, seconds = [], []
     for trial in judged:
-        params = judge_task(trial.evaluate, 0, 1).params
+        params = detection_task(trial.evaluate, 0, 1).params
         clouds = stages._simulated(params.collection, log).kept()
         for floats in (False, "everywhere"):
             settings = params.training.model_copy(update={"mixed_precision": floats})

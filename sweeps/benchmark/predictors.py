@@ -121,7 +121,7 @@ def _by_metric(by_class: Mapping[str, float]) -> dict[str, float]:
 
 def _generalist(path: Path) -> tuple[OfRig, Mapping[str, Trial]]:
     """AP and recall of detections in the test frames, with the mounting errors of the study."""
-    from sweeps.search.trials.by_generalist import judge_task
+    from sweeps.search.trials.by_generalist import detection_task
     from training import build_detector
     from training.checkpoints import load_checkpoint, read_checkpoint
     from training.kitti_ap import evaluation
@@ -144,7 +144,7 @@ def _generalist(path: Path) -> tuple[OfRig, Mapping[str, Trial]]:
 
     def of_rig(trial: Trial) -> Mapping[str, float]:
         assert isinstance(trial, DetectorTrial)
-        found = stages.judge(judge_task(trial.evaluate, 0, 1).params, weights, log)
+        found = stages.judge(detection_task(trial.evaluate, 0, 1).params, weights, log)
         (truth,) = (stages.ground_truth(task.params, log) for task in trial.ground_truths)
         frames = found.frames["frame"].tolist()
         table = evaluation(truth.objects, found.detections, frames, first.classes).metrics

@@ -105,7 +105,7 @@ def _training(config: Path, overrides: Sequence[str], out: Path) -> tuple[Sweep,
     from sweeps.sweep_or_search import is_search
 
     if is_search(config):
-        from sweeps.search.problem.judged_sweep import generalists
+        from sweeps.search.problem.generalist_trials import generalists
         from sweeps.search.problem.problem import read_problem  # Optuna
 
         problem = read_problem(config, overrides)

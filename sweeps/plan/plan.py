@@ -36,7 +36,7 @@ from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.evaluator import EvaluatorCommand
 from sweeps.configuration.file import ConfigError, reading
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
-from sweeps.configuration.question import check_asked, laid_out
+from sweeps.configuration.requirements_file import check_rig_fits, lay_out_requirements
 from sweeps.configuration.sweep import Point
 from sweeps.plan import named_files
 from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
@@ -243,7 +243,7 @@ class _Builder:
         if not self._common.requirements:
             return ()
         known = self._curves(curves, ())
-        return laid_out(self._common.requirements, vehicle_of(body), known)
+        return lay_out_requirements(self._common.requirements, vehicle_of(body), known)
 
     def _requirements(self, grid_point: GridPoint) -> Task | None:
         laid = self.laid(grid_point.point)
@@ -253,7 +253,7 @@ class _Builder:
         with at(key="requirements"):
             own = self._common.placements.get(grid_point.point.placement)
             further = () if own is None else own.further()
-            check_asked(grid_point.rig, vehicle, self._common.requirements, further)
+            check_rig_fits(grid_point.rig, vehicle, self._common.requirements, further)
         asked = tuple(own.requirement for own in laid)
         params = parameters.RequirementsParams(grid_point.rig, vehicle, asked, further)
         return self._task("requirements", grid_point, params, ())

@@ -8,7 +8,7 @@ from small_log import write_small_log
 from lidarplace.scenes.recorded import LogScene, log_parts
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
-from sweeps.search.trials.by_generalist import judge_task, judged_metrics
+from sweeps.search.trials.by_generalist import detection_task, metrics_of_portions
 from sweeps.store.local import Store
 from sweeps.tasks.stages import FUNCTIONS
 from tests.sweeps.toy import result
@@ -53,7 +53,7 @@ def judged(tmp_path):
 def test_detections_are_those_of_kept_clouds(judged):
     trial, known, _ = judged
     whole = value_of(trial.evaluate, known).detections
-    parts = [value_of(judge_task(trial.evaluate, i, 2), known) for i in range(2)]
+    parts = [value_of(detection_task(trial.evaluate, i, 2), known) for i in range(2)]
     assert [part.frames["frame"].tolist() for part in parts] == [[1, 3], [2]]
     found = pd.concat([part.detections for part in parts]).sort_values("frame", kind="stable")
     assert len(found) > 0
@@ -62,11 +62,11 @@ def test_detections_are_those_of_kept_clouds(judged):
 
 def test_metrics_of_all_portions_are_those_of_the_whole(judged):
     trial, known, store = judged
-    every = [judge_task(trial.evaluate, i, n) for n in (1, 3) for i in range(n)]
+    every = [detection_task(trial.evaluate, i, n) for n in (1, 3) for i in range(n)]
     truth = next(task for task in trial.evaluate.inputs if task.stage == "ground_truth")
     for task in [*every, truth]:
         store.save(task, value_of(task, known), 0.0)
-    own = [judged_metrics(store, p, [truth], ["Car"], {}, ()) for p in (every[:1], every[1:])]
+    own = [metrics_of_portions(store, p, [truth], ["Car"], {}, ()) for p in (every[:1], every[1:])]
     pd.testing.assert_frame_equal(*own)
 
 
