@@ -15,10 +15,9 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.optional import needs
 from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings, validated
 from lidarplace.configuration.yaml import read_yaml_file
-from lidarplace.mounting.keep_out import with_keep_outs
 from lidarplace.mounting.mesh_file import read_mesh
 from lidarplace.mounting.trailer import BendingVehicle
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, with_keep_outs
 from lidarplace.rigs.pose import rotation
 
 Corner = tuple[Length, Length, Length]

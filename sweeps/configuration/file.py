@@ -12,7 +12,6 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from lidarplace.base.errors import InputError, at
-from lidarplace.base.registry import FOLDERS
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.command_line.invocation import command
 from lidarplace.configuration.renamed_keys import current_key, with_current_keys
@@ -70,7 +69,6 @@ def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> d
                 raise InputError(f"key of {kind}", key=key, fix=fix)
         for key in map(str, unknown):
             raise unknown_key(key, model, key=shortened(key))
-    FOLDERS.append(path.parent.resolve())
     for pair in overrides:
         key = split_override(pair)[0].removeprefix("grid.")
         is_outdated |= key != current_key(key)

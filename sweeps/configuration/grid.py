@@ -14,6 +14,7 @@ from pydantic import BaseModel
 from lidarplace.base.class_names import check_among
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.metrics import METRICS, RANKING
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
@@ -79,7 +80,7 @@ def read_sweep(
 
     `changes`: key path -> plain data, set after `overrides`. Raises ConfigError."""
     raw = read_named(path, overrides, SweepFile, changes)
-    with at(path, ConfigError):
+    with at(path, ConfigError), plugin_folder(path.parent):
         sweep = build_sweep(raw, path)
         _check_mounts(sweep)
         return sweep

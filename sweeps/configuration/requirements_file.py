@@ -10,6 +10,7 @@ from pydantic import Field
 
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.number_text import point
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.mounting import KeepOuts, KeepOutSettings, carrier_of, keep_out_boxes
@@ -73,7 +74,7 @@ def read_requirements_check(path: Path, overrides: Sequence[str] = ()) -> Requir
     """Read a file, its rigs and curves, and lay out its requirements. Raises ValueError, which
     names file, key and what is wrong, and OSError."""
     raw = read_yaml(path, overrides, RequirementsFile)
-    with at(path, ConfigError):
+    with at(path, ConfigError), plugin_folder(path.parent):
         file = check_file(RequirementsFile, raw, path)
         curves = default_curves() if file.curves is None else read_curves(file.curves)
         body = vehicle_of(file.vehicle)

@@ -28,7 +28,7 @@ from sweeps.search.problem.generalist_trials import trials_of_rigs
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.rig import MountedLidar, ordered
 from sweeps.search.verification import reevaluation as recall_module
-from sweeps.tasks.task import with_inputs
+from sweeps.stages.task import with_inputs
 
 MODELS = yaml.safe_load("""
 wide: {beams: 8, azimuth_steps: 300, price: 4, power: 9, size_mm: [500, 500, 400]}
@@ -281,7 +281,7 @@ def test_the_generalist_of_the_package_is_asked_on_the_traffic_of_the_choice(mon
     line = {"x": problem.paper_rigs()["line"]}
     (tests,) = trials_of_rigs(problem, {}, line, problem.tests.search)["x"]
     searched = {task.key for task in with_inputs(trial.evaluate for trial in tests)}
-    scenes = {task.key for task in ran if task.stage == "scene"}
+    scenes = {task.key for task in ran if task.stage.name == "scene"}
     assert scenes
     assert not scenes & searched, "what chooses sees other traffic than a search"
     high = MountedLidar("lidar", "", Mount(0.0, 0.0, 9.0))

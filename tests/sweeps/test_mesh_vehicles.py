@@ -138,7 +138,7 @@ def test_too_many_triangles_and_no_trimesh(folder, monkeypatch):
 def test_the_path_is_beside_the_file_and_content_decides_the_keys(folder, monkeypatch, tmp_path):
     def collected(path):
         plan = make_plan(read_sweep(path))
-        return {task.stage: task.key for task in plan.tasks}
+        return {task.stage.name: task.key for task in plan.tasks}
 
     here = collected(sweep_file(folder))
     monkeypatch.chdir("/")
@@ -159,11 +159,11 @@ def test_the_path_is_beside_the_file_and_content_decides_the_keys(folder, monkey
 
 def test_a_task_has_the_triangles_with_it(folder):
     plan = make_plan(read_sweep(sweep_file(folder)))
-    (task,) = [task for task in plan.tasks if task.stage == "recall"]
+    (task,) = [task for task in plan.tasks if task.stage.name == "recall"]
     key = task.key
     (folder / "body.stl").unlink()
-    params = pickle.loads(pickle.dumps(task.params))
-    np.testing.assert_array_equal(params.vehicle.mesh.triangles, task.params.vehicle.mesh.triangles)
+    params = pickle.loads(pickle.dumps(task.stage))
+    np.testing.assert_array_equal(params.vehicle.mesh.triangles, task.stage.vehicle.mesh.triangles)
     assert type(task)("recall", "", params, task.inputs).key == key
 
 

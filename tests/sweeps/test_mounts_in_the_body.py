@@ -19,7 +19,7 @@ from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.rig import MountedLidar
-from sweeps.tasks.task import plain
+from sweeps.stages.task import plain
 from tests.refused import refused
 from tests.sweeps.toy import call
 
@@ -83,7 +83,7 @@ def high():
 def test_clouds_and_expected_recall_have_the_vehicle_and_their_keys_know_it(tmp_path):
     def keys(**changes):
         plan = make_plan(read_sweep(sweep_file(tmp_path, **changes)))
-        return {task.stage: task.key for task in plan.tasks}
+        return {task.stage.name: task.key for task in plan.tasks}
 
     sedan, none = keys(), keys(vehicle=[])
     for stage in ("collect", "recall", "finetune", "evaluate"):
@@ -181,10 +181,10 @@ def test_a_search_of_objects_has_its_vehicle(tmp_path):
     search = {"vehicle": TRUCK, "zones": high(), "objective": "expected_recall.Car"}
     problem = read_problem(write_search(tmp_path, search=search))
     _, trial = problem.pog_tasks(problem.sweep())
-    np.testing.assert_array_equal(trial.recall.params.vehicle.boxes, TRUCK)
+    np.testing.assert_array_equal(trial.recall.stage.vehicle.boxes, TRUCK)
     plain_car = read_problem(write_search(tmp_path, search=search | {"vehicle": None}))
     _, trial = plain_car.pog_tasks(plain_car.sweep())
-    assert trial.recall.params.vehicle is None
+    assert trial.recall.stage.vehicle is None
     assert Vehicle.car().height == plain_car.criteria.carrier.vehicle.height
 
 

@@ -43,7 +43,7 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(tmp_p
 
     def metrics(store, portions, truths, classes, ious, names):
         table = real(store, portions, truths, classes, ious, names)
-        table.attrs["height"] = 10 * portions[0].params.collection.placement.mounts[0].z
+        table.attrs["height"] = 10 * portions[0].stage.collection.placement.mounts[0].z
         return table
 
     real = by_generalist.metrics_of_portions
@@ -87,9 +87,9 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(tmp_p
 def test_a_rig_is_worth_its_worst_vehicle_in_its_worst_traffic(tmp_path, monkeypatch):
     def metrics(store, portions, truths, classes, ious, names):
         table = real(store, portions, truths, classes, ious, names)
-        collection = portions[0].params.collection
+        collection = portions[0].stage.collection
         assert not collection.errors  # all frames are of one vehicle
-        farther = truths[0].inputs[0].params.recording.scene.folder.name == "more"
+        farther = truths[0].inputs[0].stage.recording.scene.folder.name == "more"
         return table.assign(value=10 * collection.placement.mounts[0].z - 3 * farther)
 
     real = by_generalist.metrics_of_portions
@@ -172,14 +172,14 @@ def test_the_generalist_is_the_same_in_all_traffic_and_every_rig_is_off_alike(tm
     judged = trials_of_rigs(problem, trained, rigs, problem.tests.search)
     (generalist,) = trained.values()
     scenes = [scene for clouds in generalist.inputs for scene in clouds.inputs]
-    assert {scene.params.recording.scene.density for scene in scenes} == {80}
+    assert {scene.stage.recording.scene.density for scene in scenes} == {80}
     shifts = []
     for name, (of_seed,) in judged.items():
         exact = [choice.mount for choice in rigs[name]]
         assert all(trial.evaluate.inputs[0] is generalist for trial in of_seed)
-        clouds = [next(t for t in r.evaluate.inputs if t.stage == "collect") for r in of_seed]
-        assert {t.inputs[0].params.recording.scene.density for t in clouds} == {40}
-        mounts = [t.params.placement.mounts for t in clouds]
+        clouds = [next(t for t in r.evaluate.inputs if t.stage.name == "collect") for r in of_seed]
+        assert {t.inputs[0].stage.recording.scene.density for t in clouds} == {40}
+        mounts = [t.stage.placement.mounts for t in clouds]
         shifts.append([[error(*pair) for pair in zip(own, exact, strict=True)] for own in mounts])
     shifts = np.array(shifts)
     assert np.ptp(shifts, axis=0).max() < 1e-12

@@ -82,12 +82,12 @@ def _compare_with_its_verification(folder, problem):
     assert laid.requirement == problem.criteria.carrier.requirements[0].requirement
     np.testing.assert_array_equal(laid.boxes, problem.criteria.carrier.requirements[0].boxes)
     for trial in plan.trials:
-        check_mounts(trial.surrogates.params.placement, trial.grid_point.vehicle)
+        check_mounts(trial.surrogates.stage.placement, trial.grid_point.vehicle)
         assert trial.requirements is not None
         assert len(trial.grid_point.vehicle.mesh.faces) == 12
     own = next(t for t in plan.trials if t.grid_point.point.placement == "found_1")
     found = SearchFolder.read(folder).search.rigs["found_1"]
-    assert own.requirements.params.placement.mounts == found.placed
+    assert own.requirements.stage.placement.mounts == found.placed
     others = {t.grid_point.point.placement for t in plan.trials} - {"found_1"}
     assert "line" not in others, "its LiDARs are inside of this vehicle"
     (told,) = (c.what for c in SearchFolder.read(folder).search.commands if "sweep.yaml" in c.line)
@@ -109,10 +109,10 @@ def test_keep_outs_hide_what_is_behind_them_in_clouds_and_recall(tmp_path):
         lidar = {"beams": 16, "azimuth_steps": 1800}
         problem = read_problem(write_search(tmp_path, search=search, lidar=lidar))
         placement = placement_of(rig, problem.models)
-        params = problem.pog_tasks(problem.sweep())[1].recall.params
+        params = problem.pog_tasks(problem.sweep())[1].recall.stage
         model = ExpectedRecall.from_log(log, params.roi, ["Car"], vehicle=params.vehicle)
         counts.append(model.objects.seen_by([placement])[0].counts())
-        judged = trial_of(problem, rig).collect_test[0].params
+        judged = trial_of(problem, rig).collect_test[0].stage
         clouds = collect(log, numbers, placement, crop, vehicle=judged.vehicle)
         points.append(np.concatenate([clouds[i] for i in range(len(numbers))]))
     y = model.objects.table["y"].to_numpy()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lidarplace import Placement
 from lidarplace.base.errors import InputError
 from lidarplace.mounting.near_field import seen_voxels
-from lidarplace.mounting.vehicle import Vehicle, poses_of, voxels_in_body
+from lidarplace.mounting.vehicle import Vehicle, voxels_in_body
 from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.requirements.rays_on_objects import (
     Sight,
@@ -136,7 +136,7 @@ def _of_one(
 ) -> Iterator[tuple[tuple[int, str, str], NDArray[Any]]]:
     """Yield requirement, case, and what a single LiDAR has of objects, or misses of their parts."""
     sights: dict[tuple[Placement, str], list[Sight]] = {}
-    poses = poses_of(vehicle).items()
+    poses = vehicle.poses.items()
     for number, layout in enumerate(layouts):
         wanted = layout.requirement
         variants = replace(wanted.also_when, mounts_off=None).variants(rig).items()
@@ -168,7 +168,7 @@ def _block(
     objects, needed = np.nonzero(~np.isnan(layout.boxes_in(key[1])[:, :, 0]))[1], wanted.least
     positions = len(np.unique(objects))
     if layout.roi is not None:
-        body = poses_of(carrier.vehicle)[key[1]]
+        body = carrier.vehicle.poses[key[1]]
         inside = voxels_in_body(body, layout.roi)[layout.positions.held]
         objects, positions, needed = np.zeros(1, int), 1, wanted.least * float((~inside).sum())
     elif wanted.curve is not None:

@@ -10,7 +10,7 @@ from lidarplace.command_line.terminal import table
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
-from sweeps.plan.plan import ignored
+from sweeps.plan.plan import unused_sensor_warnings
 from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding, facing
 from sweeps.search.greedy.certificate import why_none
 from sweeps.search.output.tables import mount_columns
@@ -22,7 +22,7 @@ from sweeps.search.verification.winners import AssessedRig, SearchFindings
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
-from tracking.search_report.headline import answer, next_steps, shown
+from tracking.search_report.headline import answer, format_value, next_steps
 
 _TO_THE_LETTER = (
     "objective {name}: entropies are not negative, so every LiDAR lowers it, and it is highest for "
@@ -49,7 +49,7 @@ def warnings_of(problem: SearchProblem) -> list[str]:
         if o.by in SURROGATES and SURROGATES[o.by].contested and o.best == "maximize"
     ]
     begun_with = {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
-    further = ignored("each rig", settings.further_settings)
+    further = unused_sensor_warnings("each rig", settings.further_settings)
     warnings = [*contested, *problem.cautions, *further, *greedy_warnings(problem)]
     return warnings + rig_warnings(begun_with, problem)
 
@@ -151,7 +151,7 @@ def _print_rigs(
     ]
     for name, assessed in rigs.items():
         assessment, values = assessed.assessment, assessed.all_values
-        cells = [shown(o, values[o.name]) if o.name in values else "" for o in objectives]
+        cells = [format_value(o, values[o.name]) if o.name in values else "" for o in objectives]
         broken = {c: " !" if assessment.violations[c] > 0 else "" for c in limits}
         rows.append((name, *cells, *(f"{assessment.measures[c]:.3g}{broken[c]}" for c in limits)))
     head = ("placement", *(o.label for o in objectives), *limits)

@@ -12,13 +12,14 @@ from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import DetectorTrial, with_detector
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import MountedLidar, Rig, ordered
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
+from sweeps.stages.train import FinetuneStage
 
 TrialsOfRig = Sequence[Sequence[DetectorTrial]]
 """Trials of one rig: for every generalist one for each test."""
 
 
-def generalists(problem: SearchProblem) -> dict[int, Task]:
+def generalists(problem: SearchProblem) -> dict[int, Task[FinetuneStage]]:
     """Return the trainings of the generalists by seed; none if the generalist is that of a file."""
     if problem.pretrained:
         return {}
@@ -32,12 +33,12 @@ def generalists(problem: SearchProblem) -> dict[int, Task]:
     lidars = (MountedLidar(model, "", mount) for mount in line.mounts)
     evaluated = next(iter(rigs.values()), ordered(lidars))
     trials = _trials(problem, {"evaluated": evaluated}, rigs, changes)
-    return {trial.grid_point.point.seed: trial.learns for trial in trials}
+    return {t.grid_point.point.seed: t.finetune for t in trials if t.finetune is not None}
 
 
 def trials_of_rigs(
     problem: SearchProblem,
-    trained: Mapping[int, Task],
+    trained: Mapping[int, Task[FinetuneStage]],
     rigs: Mapping[str, Rig],
     tests: Sequence[Mapping[str, Any]],
 ) -> dict[str, TrialsOfRig]:

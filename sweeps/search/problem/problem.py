@@ -10,8 +10,10 @@ from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
 from lidarplace.base.class_names import check_among
+from lidarplace.base.code_version import code_version
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.metrics import METRICS
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.vehicle import vehicle_of
@@ -46,8 +48,8 @@ from sweeps.search.problem.rig import MountedLidar, Rig, ordered, placement_of
 from sweeps.search.problem.search_config import SearchConfig
 from sweeps.search.problem.space import Assignment, Space, assign_to_slots
 from sweeps.search.problem.training_rigs import rigs_near, training_rigs
-from sweeps.tasks.code_version import code_version
-from sweeps.tasks.task import Task, code_of, plain
+from sweeps.stages.task import Task, plain
+from training import code_of_network, network_of
 
 _ANSWERING = {
     *("lidar", "weather", "surrogate", "placement", "placements"),
@@ -93,18 +95,17 @@ class SearchProblem(SearchConfig):
         text = json.dumps(content, sort_keys=True, default=plain)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
-    def _code(self) -> list[str]:
-        """Return versions of the code that evaluates trials; the POG's key has that of scenes."""
+    def _code(self) -> str:
+        """Return the version of the code that evaluates trials; the POG has that of scenes."""
         values = {part.by for objective in self.file.search.objective for part in objective.parts}
-        roots = ["sweeps.search.problem.assess.assess", "sweeps.search.problem.space.Space"]
+        modules = ["sweeps.search.problem.assess", "sweeps.search.problem.space"]
         for registry in (SURROGATES, METRICS):
-            roots += registry.roots(sorted(by for by in values if by in registry))
-        versions = [code_version(*roots)]
+            modules += registry.modules(sorted(by for by in values if by in registry))
         if self.uses_generalist:
-            weights = "pretrained" if self.pretrained else "pretrain"
-            stages = ("ground_truth", "collect", weights, "judge", "evaluate")
-            versions += [code_of(stage, self.file.detector) for stage in stages]
-        return versions
+            assert self.file.detector is not None
+            network = network_of(self.file.detector)
+            modules += ["sweeps.stages.evaluate", *code_of_network(network)]
+        return code_version(*modules)
 
     @property
     def uses_generalist(self) -> bool:
@@ -229,7 +230,7 @@ def read_problem(
 
     Raises ConfigError: anything wrong with it."""
     source = read_named(path, overrides, SearchFile, changes)
-    with at(path, ConfigError):
+    with at(path, ConfigError), plugin_folder(path.parent):
         problem = _problem(source, path)
         _check_what_comes_later(problem)
         return problem

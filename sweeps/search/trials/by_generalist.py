@@ -24,11 +24,13 @@ from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.trials.aggregate import metrics_over_tests, weighted_value
 from sweeps.search.trials.study import finished_trials
 from sweeps.search.trials.traffic import MeasuredValues, PendingTrials, Pool, SurrogateEvaluator
+from sweeps.stages.collect import CollectStage
+from sweeps.stages.evaluate import DetectStage, EvaluateStage, EvaluationResult
+from sweeps.stages.ground_truth import GroundTruthStage
+from sweeps.stages.stage import Stage
+from sweeps.stages.task import Task, tasks_of, with_inputs
 from sweeps.store.local import Store
 from sweeps.store.open import reference
-from sweeps.tasks.parameters import CollectParams, JudgeParams
-from sweeps.tasks.results import Evaluated, GroundTruth, Judged
-from sweeps.tasks.task import Task, with_inputs
 
 PORTIONS = 4
 """Number of portions of the frames; the first portion is one of them."""
@@ -108,7 +110,7 @@ class GeneralistEvaluator(SurrogateEvaluator):
                 task
                 for tests in tests_by_seed
                 for trial in tests
-                for task in (*_detection_tasks(trial, portions), *trial.test_truths)
+                for task in [*_detection_tasks(trial, portions), *trial.test_truths]
             )
             for number, tests_by_seed in by_number.items()
         }
@@ -163,8 +165,8 @@ def expected_on_all(first: float, both: Sequence[tuple[float, float]]) -> float:
 
 def metrics_of_portions(
     store: Store,
-    portions: Sequence[Task[Judged]],
-    truths: Sequence[Task[GroundTruth]],
+    portions: Sequence[Task[DetectStage]],
+    truths: Sequence[Task[GroundTruthStage]],
     classes: Sequence[str],
     ious: Mapping[str, Overlaps],
     metrics: Sequence[str],
@@ -187,22 +189,22 @@ def metrics_of_portions(
     ).metrics
 
 
-def detection_task(evaluate: Task[Evaluated], first: int, every: int) -> Task[Judged]:
-    """Return the task of the detections from which `evaluate` starts, in a part of the frames.
+def detect_task(
+    evaluate: Task[Stage[EvaluationResult]], first: int, every: int
+) -> Task[DetectStage]:
+    """Return the task of the detections that `evaluate` compares, without kept clouds.
 
-    The clouds of the rig are simulated and not kept; frames are `first`, `first + every` … of each
-    part of the scene."""
-    training, *inputs = evaluate.inputs
-    collected = [task for task in inputs if isinstance(task.params, CollectParams)]
-    collection = replace(collected[0].params, first=first, every=every)
-    return Task(
-        "judge",
-        f"{evaluate.label} · frames {first + 1} of {every}",
-        JudgeParams(**vars(evaluate.params) | {"ious": (), "metrics": ()}, collection=collection),
-        (training, *(scene for task in collected for scene in task.inputs)),
-        gpu=True,
-    )
+    `evaluate`: of a rig whose clouds are simulated. `first`, `every`: frames `first`, `first +
+    every` … of each part of the scene.
+    """
+    network, (weights, *inputs) = evaluate.stage, evaluate.inputs
+    assert isinstance(network, EvaluateStage)
+    collected = tasks_of(CollectStage, inputs)
+    collection = replace(collected[0].stage, first=first, every=every)
+    stage = DetectStage(**vars(network) | {"ious": (), "metrics": ()}, collection=collection)
+    label = f"{evaluate.label} · frames {first + 1} of {every}"
+    return Task(stage, label, (weights, *(scene for task in collected for scene in task.inputs)))
 
 
-def _detection_tasks(trial: DetectorTrial, portions: range) -> list[Task[Judged]]:
-    return [detection_task(trial.evaluate, portion, PORTIONS) for portion in portions]
+def _detection_tasks(trial: DetectorTrial, portions: range) -> list[Task[DetectStage]]:
+    return [detect_task(trial.evaluate, portion, PORTIONS) for portion in portions]

@@ -17,16 +17,17 @@ from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
 from sweeps.execution.backends import Backend, Job
 from sweeps.execution.execute import execute
 from sweeps.execution.progress import StageProgress
-from sweeps.plan.plan import RECALL_FRAMES
+from sweeps.plan.surrogates import RECALL_FRAMES
 from sweeps.search.problem.assess import Assessment, Criteria, Traffic, assess
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig
 from sweeps.search.trials.study import Timing, assessment_of, finished_trials, tell
+from sweeps.stages.pog import grids_of
+from sweeps.stages.recall import RecallStage
+from sweeps.stages.scene import SceneStage
+from sweeps.stages.task import Task, tasks_of
 from sweeps.store.local import Store
 from sweeps.store.open import reference
-from sweeps.tasks.parameters import RecallParams
-from sweeps.tasks.stages import grids_of, objects_of
-from sweeps.tasks.task import Task
 
 
 class NoTraffic(RuntimeError):
@@ -68,15 +69,14 @@ def training_traffic(
     return Traffic(grids, objects)
 
 
-def _objects(problem: SearchProblem, store: Store, recall: Task) -> ExpectedRecall:
+def _objects(problem: SearchProblem, store: Store, recall: Task[RecallStage]) -> ExpectedRecall:
     """Return the objects of the objectives, under rigs as clouds are collected."""
-    file, params = problem.file, recall.params
-    assert isinstance(params, RecallParams)
+    file = problem.file
     objectives = [o for o in file.search.objective if o.by in OBJECT_SURROGATES]
     weighted = {name for objective in objectives for name in objective.weights_of(file.classes)}
-    params = replace(params, classes=tuple(name for name in file.classes if name in weighted))
-    logs = [store.load(task) for task in recall.inputs]
-    model = objects_of(params, logs, azimuth_share=file.lidar.cloud_share)
+    stage = replace(recall.stage, classes=tuple(name for name in file.classes if name in weighted))
+    logs = [store.load(task) for task in tasks_of(SceneStage, recall.inputs)]
+    model = stage.expected_recall(logs, azimuth_share=file.lidar.cloud_share)
     missing = weighted - set(model.objects.table["class"])
     if missing:
         raise NoTraffic(

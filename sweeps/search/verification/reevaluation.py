@@ -21,9 +21,9 @@ from sweeps.search.problem.rig import Rig
 from sweeps.search.trials.aggregate import left_out_over_tests, metrics_over_tests, weighted_value
 from sweeps.search.verification.verify import verified_table
 from sweeps.search.verification.winners import AssessedRig, baseline_of, ranked
+from sweeps.stages.task import with_inputs
 from sweeps.store.local import Store
 from sweeps.store.open import reference
-from sweeps.tasks.task import with_inputs
 
 MOST_REEVALUATED = 8
 """Number of rigs of the search that are evaluated again."""

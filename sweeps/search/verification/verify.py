@@ -9,6 +9,7 @@ from rich.console import Console
 
 from lidarplace.base.errors import at
 from lidarplace.base.metrics import RANKING
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.command_line.verbs import wrong
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import Sweep, read_sweep
@@ -57,9 +58,10 @@ def read_verification(problem: SearchProblem) -> tuple[Sweep, Plan]:
     Raises ConfigError: the file, which a user may have changed, is wrong."""
     path = problem.folder / "sweep.yaml"
     addresses = problem.file.model_dump(mode="json", include={"store", "tracking"})
-    sweep = read_sweep(path, changes=addresses)
-    with at(path, ConfigError):
-        return sweep, make_plan(sweep)
+    with plugin_folder(problem.path.parent):
+        sweep = read_sweep(path, changes=addresses)
+        with at(path, ConfigError):
+            return sweep, make_plan(sweep)
 
 
 def verified_table(
