@@ -1,4 +1,4 @@
-"""Which task may run next."""
+"""The order in which tasks run."""
 
 import heapq
 from collections import defaultdict
@@ -9,15 +9,17 @@ from sweeps.execution.failures import Failure
 from sweeps.stages.task import Task
 
 _Rank = tuple[int, int, int]
-"""Trial, stage, place in the plan; the lowest goes first."""
+"""Trial, order of the stage, place in the plan; the lowest goes first."""
 
 
 class Schedule:
-    """Hands out tasks whose inputs are there: trial by trial, and late stages first. So a sweep
-    that is stopped has whole results of its first trials, not the trainings of all. Of `tasks` each
-    comes after its inputs; the results of `done` keys are in the store."""
+    """Hands out tasks whose inputs have results: trial by trial, and late stages first.
 
-    def __init__(self, tasks: Sequence[Task], done: Collection[str]) -> None:
+    So a sweep that is stopped has whole results of its first trials, not the trainings of all. Each
+    of `tasks` comes after its inputs; the results of `finished` keys are in the store.
+    """
+
+    def __init__(self, tasks: Sequence[Task], finished: Collection[str]) -> None:
         self.failed: dict[str, Failure] = {}
         self._waiting: dict[str, int] = {}
         self._dependents: dict[str, list[Task]] = defaultdict(list)
@@ -28,9 +30,9 @@ class Schedule:
             self._rank[task.key] = (trial, task.stage.order, position)
             trial += task.stage.ends_trial
         for task in tasks:
-            if task.key in done:
+            if task.key in finished:
                 continue
-            missing = [t for t in task.inputs if t.key not in done]
+            missing = [t for t in task.inputs if t.key not in finished]
             self._waiting[task.key] = len(missing)
             for item in missing:
                 if item.key not in self._waiting:
@@ -43,7 +45,7 @@ class Schedule:
         heapq.heappush(self._ready[task.stage.need().gpu_share > 0], (self._rank[task.key], task))
 
     def next(self, gpu: bool = True) -> Task | None:
-        """A task to start, of a GPU only if `gpu`; None while all that are left wait."""
+        """Return a task to start, one for GPUs only if `gpu`; None while all others wait."""
         while queues := [
             queue for kind, queue in self._ready.items() if queue and (gpu or not kind)
         ]:
@@ -53,24 +55,26 @@ class Schedule:
         return None
 
     def again(self, task: Task) -> None:
+        """Hand out a task once more."""
         self._push(task)
 
     def finish(self, task: Task) -> None:
+        """Note that a task has a result."""
         for dependent in self._dependents[task.key]:
             self._waiting[dependent.key] -= 1
             if self._waiting[dependent.key] == 0 and dependent.key not in self.failed:
                 self._push(dependent)
 
     def fail(self, task: Task, failure: Failure) -> list[Task]:
-        """Note that a task failed; returns it with all that cannot run without it."""
-        fallen: list[Task] = []
+        """Note that a task failed. Return it with all that cannot run without it."""
+        failed: list[Task] = []
         reason = f"{task.stage.name} '{task.label}' failed: {failure.reason}"
-        because = replace(failure, reason=reason, follows=True)
-        falling = [task]
-        for current in falling:
+        consequence = replace(failure, reason=reason, follows=True)
+        queue = [task]
+        for current in queue:
             if current.key in self.failed:
                 continue
-            self.failed[current.key] = failure if current is task else because
-            fallen.append(current)
-            falling += self._dependents[current.key]
-        return fallen or [task]
+            self.failed[current.key] = failure if current is task else consequence
+            failed.append(current)
+            queue += self._dependents[current.key]
+        return failed or [task]

@@ -1,4 +1,4 @@
-"""What tasks and trials are called."""
+"""Labels of tasks and trials."""
 
 from collections.abc import Collection, Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""From the points of a grid to tasks: a stage runs once for points that agree in what it uses."""
+"""The plan of a sweep: a stage runs once for points that agree in what it uses."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -33,7 +33,9 @@ from sweeps.stages.scene import SceneStage
 from training.typical_objects import TypicalObject
 
 Evaluator = Callable[[Trial, TrialClouds, tuple[TypicalObject, ...]], DetectorTrial]
-"""Adds to a trial what detects objects in its clouds; the last: objects of classes without anchors.
+"""Function that adds the tasks of an evaluation to a trial.
+
+The last argument: typical objects of the classes without anchors.
 """
 
 _EVALUATORS: dict[str, Evaluator] = {

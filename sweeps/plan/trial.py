@@ -114,7 +114,7 @@ def with_detector(trials: Iterable[Trial]) -> list[DetectorTrial]:
 
 @dataclass(frozen=True)
 class Plan:
-    """All tasks, each once and after its inputs, and the trials that they make up.
+    """The tasks of a sweep, each once and after its inputs, and its trials.
 
     `laid`: the requirements around the vehicle, by the curves of the first trial. `cautions`: what
     the user is to know of the classes of the logs and of the settings, a sentence each.

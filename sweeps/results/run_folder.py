@@ -1,6 +1,4 @@
-"""The run folder: what a sweep found, as tables that stay readable without this project."""
-
-from __future__ import annotations
+"""Run folder: results of a sweep, as tables that stay readable without this project."""
 
 import platform
 from collections import Counter
@@ -46,7 +44,7 @@ from tracking.run_folders.arrays import Grounds
 from tracking.run_folders.json_file import Triangles
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
-from tracking.run_folders.table import Table
+from tracking.run_folders.table_schema import TableSchema
 from training.typical_objects import as_plain
 
 _OF_STAGES = (
@@ -61,9 +59,16 @@ _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
 
 @dataclass(frozen=True)
 class Run:
-    """What happened when a plan was run: keys of tasks that had a result before, how many tasks
-    could run at once, None where none ran, what the user typed, and when it started, on the clock
-    of `Outcome.times`."""
+    """Run of a plan.
+
+    Attributes:
+        outcome: failures and times of tasks.
+        promotion: progress through the rungs.
+        cached: keys of tasks that had a result before.
+        cores: how many tasks could run at once, None where none ran.
+        command: what the user typed.
+        started: when it started, on the clock of `Outcome.times`.
+        seconds: how long it took."""
 
     outcome: Outcome
     promotion: Promotion
@@ -81,16 +86,18 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
     """
     folder.mkdir(parents=True, exist_ok=True)
     axes = further_axes(sweep)
-    there = store.finished(plan.tasks)
-    known = [trial for trial in plan.trials if trial.surrogates.key in there]
-    good = [trial for trial in known if all(task.key in there for task in trial.results)]
-    tested = with_detector(good)
+    finished = store.finished(plan.tasks)
+    started = [trial for trial in plan.trials if trial.surrogates.key in finished]
+    complete = [trial for trial in started if all(task.key in finished for task in trial.results)]
+    tested = with_detector(complete)
 
-    objects, found = object_tables(tested, store, axes)
-    by_stage = _stage_tables(known, there, store, axes)
+    objects, hits = object_tables(tested, store, axes)
+    by_stage = _stage_tables(started, finished, store, axes)
     surrogates = by_stage[contract.SURROGATES.name]
-    points = ((own, own.collect_test, partial(_points, own, store)) for own in tested)
-    individuals = ((own, own.ground_truths, partial(_individuals, own, store)) for own in tested)
+    points = ((trial, trial.collect_test, partial(_points, trial, store)) for trial in tested)
+    individuals = (
+        (trial, trial.ground_truths, partial(_individuals, trial, store)) for trial in tested
+    )
     write_text(folder / "config.yaml", public_yaml(sweep.source))
     write_text(folder / FILE, rigs_yaml(sweep))
     for table, frame in (
@@ -98,7 +105,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
         (contract.POINTS, _once(contract.POINTS, axes, points)),
         (contract.INDIVIDUALS, _once(contract.INDIVIDUALS, axes, individuals)),
         (contract.OBJECTS, objects),
-        (contract.FOUND, found),
+        (contract.FOUND, hits),
         *((_table(name), frame) for name, frame in by_stage.items()),
         (contract.PROMOTIONS, run.promotion.table()),
         (contract.TASKS, _tasks_table(plan.tasks, store, run)),
@@ -108,17 +115,17 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
     frames = Counter[str]()
     pictured: Mapping[str, Cell] = {}
     body = plan.trials[0].grid_point.vehicle
-    if known:
-        for scene in (task for task in known[0].scenes if task.key in there):
+    if started:
+        for scene in (task for task in started[0].scenes if task.key in finished):
             frames.update(store.read(scene, lambda log: log.frames)["split"])
-        shown = drawn(known, tested, surrogates)
-        maps(shown, store).write(folder)
+        drawn_trials = drawn(started, tested, surrogates)
+        maps(drawn_trials, store).write(folder)
         if plan.laid:
-            grounds(plan, shown, store).write(folder)
+            grounds(plan, drawn_trials, store).write(folder)
         if tested:
-            one_frame(with_detector(shown), store).write(folder)
-        pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
-        body = shown[0].grid_point.vehicle
+            one_frame(with_detector(drawn_trials), store).write(folder)
+        pictured = axis_values(drawn_trials[0], [a for a in axes if a in surrogates.columns])
+        body = drawn_trials[0].grid_point.vehicle
     counts = Frames(train=frames["train"], test=frames["test"])
     cautions = [*plan.cautions, *rig_cautions(plan), *_detection_cautions(tested, store)]
     _about(sweep, counts, run, pictured, body, plan, cautions).write(folder)
@@ -126,14 +133,16 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
 
 
 @cache
-def _table(name: str) -> Table:
+def _table(name: str) -> TableSchema:
     """Return the table of a run folder; one that only a new stage knows has placement and axes."""
-    known = {table.name: table for table in contract.TABLES}
-    return known.get(name) or Table.of(name, "a row of a stage", contract.PLACEMENT, axes=("",))
+    by_name = {table.name: table for table in contract.TABLES}
+    return by_name.get(name) or TableSchema.of(
+        name, "a row of a stage", contract.PLACEMENT, axes=("",)
+    )
 
 
 def _stage_tables(
-    trials: Sequence[Trial], there: Collection[str], store: Store, axes: Sequence[str]
+    trials: Sequence[Trial], finished: Collection[str], store: Store, axes: Sequence[str]
 ) -> dict[str, pd.DataFrame]:
     """Return the tables that results of stages hold, by name.
 
@@ -141,10 +150,10 @@ def _stage_tables(
     """
     rows: dict[str, list[_Rows]] = {name: [] for name in _OF_STAGES}
     for trial in trials:
-        whole = all(task.key in there for task in trial.results)
+        whole = all(task.key in finished for task in trial.results)
         for task in dict.fromkeys(trial.results):
             for field, name in task.stage.tables.items():
-                if task.key in there and (whole or not _has(_table(name), "trial")):
+                if task.key in finished and (whole or not _has(_table(name), "trial")):
                     read = partial(store.read, task, attrgetter(field))
                     rows.setdefault(name, []).append((trial, (task,), read))
     for name, of_table in rows.items():
@@ -154,7 +163,7 @@ def _stage_tables(
 
 
 def trials_table(plan: Plan, store: Store, run: Run, axes: Sequence[str]) -> pd.DataFrame:
-    """One row a trial: trial, placement, detector, seed, axes, seconds, status, error."""
+    """Make one row a trial: trial, placement, detector, seed, axes, seconds, status, error."""
     rows = []
     for trial in plan.trials:
         row: dict[str, Cell] = {"seconds": np.nan, "status": "finished", "error": ""}
@@ -179,7 +188,7 @@ def _stack(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
-def _once(table: Table, axes: Sequence[str], rows: Iterable[_Rows]) -> pd.DataFrame:
+def _once(table: TableSchema, axes: Sequence[str], rows: Iterable[_Rows]) -> pd.DataFrame:
     """Stack rows of trials, with columns that distinguish them in front; shared rows once."""
     parts: dict[tuple[object, ...], pd.DataFrame | None] = {}
     for trial, tasks, read in rows:
@@ -194,7 +203,7 @@ def _once(table: Table, axes: Sequence[str], rows: Iterable[_Rows]) -> pd.DataFr
     return every if _has(table, "trial") else every.drop_duplicates(ignore_index=True)
 
 
-def _has(table: Table, name: str) -> bool:
+def _has(table: TableSchema, name: str) -> bool:
     return any(column.name == name for column in table.columns)
 
 
@@ -204,7 +213,7 @@ def _points(trial: DetectorTrial, store: Store) -> pd.DataFrame:
 
 
 def _individuals(trial: DetectorTrial, store: Store) -> pd.DataFrame:
-    """In how many frames of a split and a route every object counts."""
+    """Count the frames of a split and a route in which every object counts."""
     keys = ["split", "scene", "route", "class", "object_id"]
     truths = [store.read(task, lambda truth: truth.frames) for task in trial.ground_truths]
     frames = pd.concat(truths)[["frame", "route", "split"]]
@@ -219,8 +228,8 @@ def _objects(trial: DetectorTrial, store: Store) -> pd.DataFrame:
 
 
 def _tasks_table(tasks: Sequence[Task], store: Store, run: Run) -> pd.DataFrame:
-    rows, there = [], store.finished(tasks)
-    for task in (task for task in tasks if task.key in there):
+    rows, finished = [], store.finished(tasks)
+    for task in (task for task in tasks if task.key in finished):
         record = store.record(task)
         started, ended = run.outcome.times.get(task.key, (np.nan, np.nan))
         seconds = record.seconds
@@ -253,7 +262,7 @@ def _about(
     cautions: Sequence[str],
 ) -> SweepResult:
     first = sweep.points[0].point
-    rigs = {own.point.placement: own.rig for own in sweep.points}
+    rigs = {one.point.placement: one.rig for one in sweep.points}
     rungs = (rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote)
     return SweepResult(
         name=sweep.common.name,
@@ -262,8 +271,10 @@ def _about(
         placements={n: [astuple(mount) for mount in rig.mounts] for n, rig in rigs.items()},
         lidars=lidar_models(sweep),
         classes=first.classes,
-        anchors=[Anchor.model_validate(own) for own in as_plain(plan.typical)],
-        colours={n: own.colour for n, own in first.class_settings.items() if own.colour},
+        anchors=[Anchor.model_validate(size) for size in as_plain(plan.typical)],
+        colours={
+            n: setting.colour for n, setting in first.class_settings.items() if setting.colour
+        },
         roi=first.voxel_roi(),
         frames=frames,
         cautions=cautions,

@@ -1,4 +1,4 @@
-"""What a stage is, for the plan, the schedule, the workers, the store and the run folder.
+"""The interface of a stage to plan, schedule, workers, store and run folder.
 
 A new stage is a file with a subclass of `Stage`, and a line in the plan.
 """
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Need:
-    """What a stage takes of a machine: bytes of memory (0: unknown), GPUs and CPU cores."""
+    """The need of a machine: bytes of memory (0: unknown), GPUs and CPU cores."""
 
     memory: int = 0
     gpu_share: float = 0.0

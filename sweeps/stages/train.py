@@ -37,7 +37,7 @@ class TrainedDetector:
 
 
 class TrainingRun(TypedDict):
-    """How a training runs, which does not decide its result.
+    """Circumstances of a training that do not decide its result.
 
     `folder`: where it goes on after a stop. `halvings`: how often the batch size is halved, after
     the GPU's memory was too small. `on_step`: called with the number of epochs that are done.

@@ -57,7 +57,7 @@ def diamond():
 def run(tasks, folder, known=None, backend=InProcess):
     recorder = Recorder()
     store = Store(folder)
-    outcome = execute(tasks, store, backend(), recorder, known=known)
+    outcome = execute(tasks, store, backend(), recorder, lasting_failures=known)
     return outcome.failures, recorder, store
 
 
@@ -206,10 +206,10 @@ def test_which_failures_the_next_run_knows(tmp_path):
             folder.write(task, kinds.get(name, kinds["a"]))
 
     fill()
-    assert folder.known(rerun=False, there={tasks["c"].key}) == {tasks["a"].key: kinds["a"]}
+    assert folder.lasting(rerun=False, finished={tasks["c"].key}) == {tasks["a"].key: kinds["a"]}
     assert set(folder.read()) == {tasks["a"].key}, "the others are tried again, or there"
     fill()
-    assert folder.known(rerun=True, there=set()) == {}
+    assert folder.lasting(rerun=True, finished=set()) == {}
     assert not list(folder.folder.iterdir())
 
 

@@ -295,7 +295,7 @@ def test_a_sweep_at_a_url_cannot_be_locked_out(machine, monkeypatch):
     store = machine("one")
     with store.in_use(), refused((str(store.folder), "", "")):
         Store(store.folder).exclusive().__enter__()
-    with refused((store.shown, "", ""), "--unlocked"):
+    with refused((store.public_name, "", ""), "--unlocked"):
         store.exclusive()
 
 

@@ -16,7 +16,7 @@ from sweeps.commands.doctor import _print as print_findings
 from sweeps.commands.status import print_state
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress
-from sweeps.results.dry_run import Planned, print_planned
+from sweeps.results.dry_run import DryRun, print_dry_run
 from sweeps.results.state import SweepState, TrialState
 from sweeps.stages.task import Task
 from sweeps.store.local import Store
@@ -105,8 +105,8 @@ def test_the_plan_of_a_sweep():
     scenes = [{"scene": OBEYED, "train_frames": 1, "test_frames": 1}]
     stages = {"train": {"tasks": 6, "cached": 0}}
     asked = [{"requirement": name, "measure": "points"} for name in NAMES]
-    plan = Planned(OBEYED, stages, [], scenes, trials, asked, [], 0, [OBEYED])
-    assert_shown(printed(print_planned, plan))
+    plan = DryRun(OBEYED, stages, [], scenes, trials, asked, [], 0, [OBEYED])
+    assert_shown(printed(print_dry_run, plan))
 
 
 @pytest.mark.parametrize("terminal", [False, True])

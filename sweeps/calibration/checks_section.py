@@ -1,4 +1,4 @@
-"""How good detection curves are, as tables of a page and of the terminal."""
+"""Quality of detection curves, as tables of a page and of the terminal."""
 
 from collections.abc import Sequence
 
@@ -18,10 +18,14 @@ _RHOS = {
 
 
 def checks_section(checks: Sequence[Check]) -> Section:
-    """The curves, and how well they predict rigs, routes and objects that were left out."""
-    rows = pd.DataFrame([{**vars(own), **vars(own.curve)} for own in checks])
-    parts = ((own.curve, unit, found) for own in checks for unit, found in own.left_out.items())
-    left_out = pd.DataFrame([{**vars(own), "unit": u, **vars(found)} for own, u, found in parts])
+    """Show the curves, and how well they predict rigs, routes and objects that were left out."""
+    rows = pd.DataFrame([{**vars(check), **vars(check.curve)} for check in checks])
+    parts = (
+        (check.curve, unit, errors) for check in checks for unit, errors in check.left_out.items()
+    )
+    left_out = pd.DataFrame(
+        [{**vars(check), "unit": u, **vars(errors)} for check, u, errors in parts]
+    )
     counts = [numbers(name, name, ",") for name in ("rigs", "objects", "individuals")]
     shape = [numbers("most", "most", "g"), numbers("rate a cell", "rate", "g")]
     tables = [Table.of("Detection curves", rows, [*_NAME, *counts, *shape])]
@@ -39,7 +43,7 @@ def checks_section(checks: Sequence[Check]) -> Section:
         "deviation of recall over the parts. A Brier score below that of the mean: the curve "
         "predicts better than the share of all objects that are found."
     ]
-    if any(own.rigs > 1 for own in checks):
+    if any(check.rigs > 1 for check in checks):
         columns = [numbers(head, key, "+.2f") for head, key in _RHOS.items()]
         tables.append(Table.of("Order of the rigs by recall", rows, [*_NAME, *columns]))
         notes.append(

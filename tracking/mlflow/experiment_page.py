@@ -1,4 +1,4 @@
-"""What MLflow's pages show: a text, a view of the runs by columns, and who runs which code."""
+"""Pages of MLflow: a text, a view of the runs by columns, and who runs which code."""
 
 import json
 import subprocess
@@ -15,23 +15,22 @@ VIEW_TAG = f"mlflow.sharedViewState.{VIEW}"
 
 
 def view(columns: Sequence[str], ascending: bool, parent: str) -> str:
-    """The state of the page's table, as MLflow's UI keeps it: columns, order, what is unfolded.
+    """Write the state of the page's table as MLflow's UI keeps it: columns, order, open runs.
 
     `columns` are by MLflow's names, such as "metrics.seconds"; the first orders. The children of
-    the run whose id `parent` is are shown.
-    """
+    the run whose id `parent` is are shown."""
     ids = [f"{kind}.`{key}`" for kind, key in (name.split(".", 1) for name in columns)]
     names = "attributes.`Run Name`"
     widths = {names: 300} | {i: _PIXELS * len(i) for i in ids}
-    shown = {"selectedColumns": ids, "columnOrder": [names, *ids], "columnWidths": widths}
+    selection = {"selectedColumns": ids, "columnOrder": [names, *ids], "columnWidths": widths}
     order = {"orderByKey": ids[0], "orderByAsc": ascending, "runsExpanded": {parent: True}}
     every = {"searchFilter": "", "startTime": "ALL", "datasetsFilter": []}
     every |= {"lifecycleFilter": "Active", "modelVersionFilter": "All Runs"}
-    return json.dumps({**shown, **order, **every})
+    return json.dumps({**selection, **order, **every})
 
 
 def page_of(experiment: str, has_view: bool) -> str:
-    """The page of an experiment, with this view if it has one, below the server's address."""
+    """Return the page of an experiment below the server's address, with the view if it has one."""
     query = f"?viewStateShareKey={VIEW}&workflowType=machine_learning" if has_view else ""
     return f"/#/experiments/{experiment}/runs{query}"
 
@@ -40,8 +39,9 @@ VERSION_TAG = "lidarplace.version"
 
 
 def source_tags() -> dict[str, str]:
-    """Tags of MLflow for this process, the version, and in a checkout the commit and whether files
-    differ from it."""
+    """Make MLflow's tags for this process.
+
+    The version, and in a checkout the commit and whether files differ from it."""
     from mlflow.tracking.context.default_context import DefaultRunContext
     from mlflow.utils.mlflow_tags import MLFLOW_GIT_COMMIT, MLFLOW_GIT_DIRTY
 
@@ -58,11 +58,11 @@ def source_tags() -> dict[str, str]:
 
 
 def _git(root: Path, *words: str) -> str | None:
-    """What git prints; None where it is not installed, or refuses."""
+    """Return the output of git; None where it is not installed, or refuses."""
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             ["git", "-C", str(root), *words], capture_output=True, text=True, timeout=30
         )
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return None if done.returncode else done.stdout.strip()
+    return None if process.returncode else process.stdout.strip()

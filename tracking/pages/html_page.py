@@ -1,4 +1,4 @@
-"""One offline HTML page of sections, and the files next to it: raw numbers, and Markdown."""
+"""Offline HTML page of sections, and the files next to it: raw numbers, and Markdown."""
 
 import json
 import re
@@ -21,7 +21,7 @@ from tracking.pages.section import Section, Table, figure_title
 
 FOLDER = "tables"
 SECTIONS_ALONE = Path(__file__).with_name("page.html")
-"""The template of a page with nothing above its sections."""
+"""Template of a page with nothing above its sections."""
 LARGEST_PAGE = 15_000_000  # bytes of a page: what a mail may carry
 
 
@@ -93,13 +93,14 @@ def _leave_out(
 
 
 def figure_json(figure: go.Figure) -> str:
-    """A figure as JSON that no text in it can end the script element around it."""
+    """Write a figure as JSON in which no text can end the script element around it."""
     return str(figure.to_json()).replace("<", "\\u003c")
 
 
 def write_csv_files(folder: Path, sections: Sequence[Section]) -> None:
-    """Write every table that has data to `folder`/NAME.csv, and remove other CSV files there. Two
-    tables of one name get a number each, also in `sections`."""
+    """Write every table that has data to `folder`/NAME.csv, and remove other CSV files there.
+
+    Two tables of one name get a number each, also in `sections`."""
     folder.mkdir(exist_ok=True)
     taken: set[str] = set()
     for section in sections:
@@ -150,7 +151,7 @@ def write_markdown(
 
 
 def escaped(words: str) -> str:
-    """Words in one line that Markdown shows as they are."""
+    """Escape words as one line that Markdown shows as they are."""
     line = visible(" ".join(words.split()))
     # A list would begin with the last two.
     return re.sub(r"([\\`*_\[\]<>|#&~]|^[-+])", r"\\\1", line)
@@ -167,7 +168,7 @@ def _table(table: Table) -> str:
 
 
 def verbatim(words: str) -> str:
-    """A block of code, fenced by more backticks than it holds in a row."""
+    """Make a block of code, fenced by more backticks than it holds in a row."""
     longest = max((len(run) for run in re.findall("`+", words)), default=0)
     fence = "`" * max(3, longest + 1)
     return f"{fence}\n{words.rstrip()}\n{fence}"

@@ -1,4 +1,4 @@
-"""What MLflow shows of a sweep and its trials besides results: tags, data, a note, columns."""
+"""MLflow pages of a sweep and its trials: tags, data, a note, columns."""
 
 import hashlib
 import os
@@ -17,7 +17,7 @@ from tracking.mlflow.content import Dataset
 
 _SHOWN_SURROGATES = ("expected_ig", "s_mig", "covered_entropy")
 _LONGEST_CONFIG = 4000
-"""Characters; MLflow refuses a longer note. The whole is among the artifacts."""
+"""Characters of a configuration in a note; MLflow refuses longer ones, the artifacts have all."""
 
 ABOUT = """\
 A sweep over LiDAR placements: one parent run, and a child run for every trained detector.
@@ -31,16 +31,16 @@ A sweep over LiDAR placements: one parent run, and a child run for every trained
   picture of its placement and precision over recall.
 - Placements with more than one run have seeds: compare their means, not the first row.
 """
-"""The text of the experiment's page, Markdown."""
+"""Text of the experiment's page, Markdown."""
 
 
 def columns(sweep: Sweep) -> list[str]:
-    """What the experiment's page shows of every run; the first orders them."""
+    """Name the columns of the experiment's page; the first orders the runs."""
     point = sweep.points[0].point
     ious = point.own_ious()
     first = [_column(name, ious) for name in point.classes]
-    shown = [name for name in _SHOWN_SURROGATES if name in point.surrogate.names]
-    surrogates = [f"metrics.surrogate.{name}.{c}" for c in point.classes for name in shown]
+    names = [name for name in _SHOWN_SURROGATES if name in point.surrogate.names]
+    surrogates = [f"metrics.surrogate.{name}.{c}" for c in point.classes for name in names]
     axes = [f"params.{axis}" for axis in further_axes(sweep)]
     required = ["metrics.requirements_failed"] if sweep.common.requirements else []
     return [*first, _column("all", ious), *required, *surrogates, *axes, "metrics.seconds"]
@@ -52,8 +52,9 @@ def _column(object_class: str, ious: Mapping[str, Overlaps]) -> str:
 
 
 def note(source: Mapping[str, object], command: str, addresses: Iterable[str]) -> str:
-    """How to make a sweep or a search of a configuration again, Markdown, without the secrets of
-    addresses."""
+    """Describe how to make a sweep or a search of a configuration again, Markdown, without secrets.
+
+    `addresses` are those whose secrets are hidden."""
     config = public_yaml(source)
     command = hide_secrets(command, *addresses)
     if len(config) > _LONGEST_CONFIG:
@@ -69,7 +70,7 @@ def note(source: Mapping[str, object], command: str, addresses: Iterable[str]) -
 
 
 def tags(trial: Trial, axes: Sequence[str]) -> dict[str, object]:
-    """What runs are filtered by."""
+    """Return the tags that runs are filtered by."""
     point = trial.grid_point.point
     scene = point.scene.model_dump(mode="json")
     place = {"scene": trial.scene_label}
@@ -78,14 +79,14 @@ def tags(trial: Trial, axes: Sequence[str]) -> dict[str, object]:
     else:
         place["density"] = scene["density"]
         place["town"] = ", ".join(scene["towns"])
-    own = {"placement": point.placement, "detector": point.detector_name, "seed": point.seed}
-    return {**own, **place, **axis_values(trial, axes)}
+    trial_tags = {"placement": point.placement, "detector": point.detector_name, "seed": point.seed}
+    return {**trial_tags, **place, **axis_values(trial, axes)}
 
 
 def datasets(trial: DetectorTrial) -> list[Dataset]:
-    """The recorded frames that a trial was trained and tested on; the digest is the store's key."""
+    """List the frames that a trial was trained and tested on; the digest is the store's key."""
     contexts: tuple[Literal["train", "test"], ...] = ("train", "test")
-    collected, found = (trial.learns.inputs, trial.collect_test), []
+    collected, frames_of_trial = (trial.learns.inputs, trial.collect_test), []
     counts = trial.grid_point.point.scene.frame_counts()
     for context, tasks, frames in zip(contexts, collected, counts, strict=True):
         of_split = (task for task in tasks if getattr(task.stage, "split", None) == context)
@@ -93,5 +94,5 @@ def datasets(trial: DetectorTrial) -> list[Dataset]:
         name, keys = f"{trial.scene_label} {context}", "/".join(task.key for task in scenes)
         digest = keys if len(scenes) == 1 else hashlib.sha256(keys.encode()).hexdigest()[:24]
         labels = {"scene": ", ".join(task.label for task in scenes)}
-        found.append(Dataset(name, digest, context, labels, {"frames": frames}))
-    return found
+        frames_of_trial.append(Dataset(name, digest, context, labels, {"frames": frames}))
+    return frames_of_trial

@@ -1,4 +1,4 @@
-"""What a table of a run folder holds: the writer and the reader go by the same columns."""
+"""Contract of a table of a run folder: the writer and the reader go by the same columns."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _WANTED = {"int64": "numbers", "float64": "numbers", "str": "text", "bool": "tru
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table; values may be missing."""
+    """Column of a table; values may be missing."""
 
     name: str
     # as it is written; a reader accepts any numbers for numbers; None: anything
@@ -39,17 +39,17 @@ class Column:
 
     def check(self, column: pd.Series, file: Path) -> None:
         """Raise ValueError that names file, column and a value unless its kind is that of dtype."""
-        known = column.dropna()
-        if not len(known) or self.dtype is None:
+        values = column.dropna()
+        if not len(values) or self.dtype is None:
             return
         wanted = _WANTED[self.dtype]
         good = {
-            "numbers": known.dtype.kind in "iuf",
-            "true and false": known.dtype.kind == "b",
-            "text": pd.api.types.infer_dtype(known) in ("string", "categorical"),
+            "numbers": values.dtype.kind in "iuf",
+            "true and false": values.dtype.kind == "b",
+            "text": pd.api.types.infer_dtype(values) in ("string", "categorical"),
         }
         if not good[wanted]:
-            kind = f"{known.dtype}, such as {reprlib.repr(known.iloc[0])}"
+            kind = f"{values.dtype}, such as {reprlib.repr(values.iloc[0])}"
             raise InputError(place=file, key=self.name, expected=wanted, found=kind)
         if self.dtype == "int64":
             integers(column.fillna(0).to_frame(), self.name, str(file))
@@ -57,8 +57,10 @@ class Column:
             numbers_if_known(column.to_frame(), self.name, str(file))
 
     def plain(self, column: pd.Series) -> pd.Series:
-        """Whole numbers as int64 unless some are missing; numbers that are not of a NumPy type, or
-        all missing, as floats; others as they are."""
+        """Convert numbers to NumPy types.
+
+        Whole numbers become int64 unless some are missing; numbers that are not of a NumPy type,
+        or all missing, floats; others stay as they are."""
         if self.dtype is None or _WANTED[self.dtype] != "numbers":
             return column
         if self.dtype == "int64" and column.notna().all():
@@ -71,8 +73,8 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
-    """A Parquet file of a run folder; further columns are not looked at."""
+class TableSchema:
+    """Parquet file of a run folder; further columns are ignored."""
 
     name: str  # of the file, without `.parquet`
     doc: str  # what a row is
@@ -84,8 +86,8 @@ class Table:
     key: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, name: str, doc: str, *columns: Column, **further: Any) -> Table:
-        """A table of these columns; `further` attributes as they are."""
+    def of(cls, name: str, doc: str, *columns: Column, **further: Any) -> TableSchema:
+        """Make a table of these columns; `further` are attributes."""
         return cls(name, doc, columns, **further)
 
     @property
@@ -98,7 +100,7 @@ class Table:
         return [column.name for column in self.columns if column.needed]
 
     def axes_of(self, axes: Iterable[str]) -> list[str]:
-        """Those of the axes of a grid that are columns of this table."""
+        """Select the axes of a grid that are columns of this table."""
         return [a for a in axes if "" in self.axes or a.partition(".")[0] in self.axes]
 
     def write(self, table: pd.DataFrame, folder: Path) -> None:
@@ -108,11 +110,11 @@ class Table:
             table.to_parquet(partial, index=False)
 
     def read(self, folder: Path, axes: Iterable[str] = ()) -> pd.DataFrame:
-        """The table in `folder`; one without rows gets the needed columns and the grid's `axes`.
+        """Read the table in `folder`; without rows it gets the needed columns and the `axes`.
 
-        Raises ValueError: the file is not a table, lacks a needed column, has one of a wrong kind,
-            or duplicate rows.
-        """
+        Raises ValueError: the file is not a table, lacks a needed column, has one of a wrong
+        kind,
+            or duplicate rows."""
         table = read_parquet(folder / self.file).rename(columns=current_key)
         self._check(table, folder / self.file)
         self._check_key(table, axes, folder / self.file)
@@ -130,7 +132,7 @@ class Table:
         return table
 
     def read_if_there(self, folder: Path, axes: Iterable[str] = ()) -> pd.DataFrame | None:
-        """As `read`; None if the file is not there."""
+        """Read the table as `read`; None if the file is missing."""
         return self.read(folder, axes) if is_there(folder / self.file) else None
 
     def _check(self, table: pd.DataFrame, file: Path) -> None:
@@ -148,12 +150,16 @@ class Table:
         """Refuse two rows that only one can be right of."""
         if not self.key or table.empty:
             return
-        there = [name for name in dict.fromkeys((*self.key, *self.axes_of(axes))) if name in table]
-        mixed = [name for name in there if table[name].dtype == object]  # an axis may hold anything
-        found = table[there].astype(dict.fromkeys(mixed, "str"))
-        again = found.duplicated().to_numpy()
+        columns = [
+            name for name in dict.fromkeys((*self.key, *self.axes_of(axes))) if name in table
+        ]
+        mixed = [
+            name for name in columns if table[name].dtype == object
+        ]  # an axis may hold anything
+        keys = table[columns].astype(dict.fromkeys(mixed, "str"))
+        again = keys.duplicated().to_numpy()
         if again.any():
-            row, said = int(again.argmax()), found.astype(str)
-            first = int((said == said.iloc[row]).all(axis=1).to_numpy().argmax())
-            what = ", ".join(f"{name}={value}" for name, value in said.iloc[row].items())
-            raise InputError(f"duplicate rows {first} and {row} ({what})", place=file)
+            row, texts = int(again.argmax()), keys.astype(str)
+            first = int((texts == texts.iloc[row]).all(axis=1).to_numpy().argmax())
+            row_key = ", ".join(f"{name}={value}" for name, value in texts.iloc[row].items())
+            raise InputError(f"duplicate rows {first} and {row} ({row_key})", place=file)
