@@ -1,7 +1,5 @@
 """Run of a sweep: its tasks, results, MLflow and the report."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import time
@@ -19,7 +17,7 @@ from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.runner import Say, drive
-from sweeps.mlflow.page import ABOUT, columns, note
+from sweeps.mlflow.experiment import ABOUT, columns, note
 from sweeps.mlflow.trials import TrialLog
 from sweeps.plan.labels import further_axes
 from sweeps.plan.trial import Plan, Trial
@@ -35,8 +33,8 @@ from sweeps.store.open import reference
 from tracking.findings.evidence import largest_linear_share, ray_counting_caution
 from tracking.findings.summary import summary_table
 from tracking.mlflow.content import ParentRun
+from tracking.mlflow.experiment_page import source_tags
 from tracking.mlflow.log import SweepLog
-from tracking.mlflow.page import source_tags
 from tracking.report.analysis import Analysis
 from tracking.report.build import write_report
 from tracking.report.decision.build import FILE as DECISION

@@ -13,7 +13,7 @@ from lidarplace.command_line.port import free_port
 from lidarplace.command_line.verbs import new_app, verb, within, wrong
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from tracking.mlflow.connection import connect, reason
-from tracking.mlflow.page import VIEW_TAG, page_of
+from tracking.mlflow.experiment_page import VIEW_TAG, page_of
 from tracking.mlflow.uri import absolute_uri, is_server, sqlite_file, sqlite_uri
 from tracking.run_folders.json_file import Part, read_result_file
 

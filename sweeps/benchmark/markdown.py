@@ -1,7 +1,5 @@
 """Tables of docs/benchmark.md: a row a predictor."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping
 from typing import Any
 

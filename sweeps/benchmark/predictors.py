@@ -1,7 +1,5 @@
 """Predictions of the rigs: by surrogates, generalists, and functions of one's own."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Iterable, Mapping

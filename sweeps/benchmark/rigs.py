@@ -3,8 +3,6 @@
 `rigs.yaml` is the configuration under which the detectors were trained, `log` its scene, the
 tables are those of docs/findings.md; `studies/findings/benchmark.py` writes them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import replace

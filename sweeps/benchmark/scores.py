@@ -1,7 +1,5 @@
 """Quality of predictors: rank correlation, regret and pairs, by metric and population."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 

@@ -55,9 +55,9 @@ def calibrate(
     Trains nothing: trials without detections are skipped. Rigs, routes and objects are held out of
     the fit in turn, and predicted."""
     from lidarplace.recall.detection_curve import write_curves
+    from sweeps.calibration.checks_section import checks_section
     from sweeps.calibration.left_out import check
-    from sweeps.calibration.page import checks_section
-    from tracking.pages.page import SECTIONS_ALONE, write_page
+    from tracking.pages.html_page import SECTIONS_ALONE, write_page
 
     if (config is None) == (log is None) or (log is None and (rig or geometry)):
         wrong("name the file of a sweep, or --log with --rig and --geometry")

@@ -115,7 +115,7 @@ def _write(
 ) -> dict[str, str]:
     """The table of all cases, and a page of pictures. Returns the paths by suffix."""
     from lidarplace.files.tables import write_csv
-    from tracking.pages.page import SECTIONS_ALONE, write_page
+    from tracking.pages.html_page import SECTIONS_ALONE, write_page
 
     paths = {suffix: out.with_name(f"{out.name}.{suffix}") for suffix in ("csv", "html")}
     out.parent.mkdir(parents=True, exist_ok=True)

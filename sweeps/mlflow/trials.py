@@ -10,7 +10,7 @@ from rich.console import Console
 
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress import StageProgress
-from sweeps.mlflow.page import datasets, tags
+from sweeps.mlflow.experiment import datasets, tags
 from sweeps.plan.trial import DetectorTrial, Trial, with_detector
 from sweeps.results.trial_results import (
     surrogate_table,

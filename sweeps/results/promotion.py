@@ -3,8 +3,6 @@
 A rung waits for all its placements before it decides, so the outcome does not depend on which
 machine was faster, nor on a stop in between."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -17,7 +17,7 @@ from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Point
 from tracking.figures.kit.vehicle_lines import name_of
-from tracking.pages.page import SECTIONS_ALONE, write_page
+from tracking.pages.html_page import SECTIONS_ALONE, write_page
 from tracking.pages.section import Section
 from tracking.report.decision.rigs import rig_views, viewed_rig
 from tracking.run_folders.sweep_json import LidarModel

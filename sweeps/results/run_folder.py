@@ -1,7 +1,5 @@
 """Run folder: results of a sweep, as tables that stay readable without this project."""
 
-from __future__ import annotations
-
 import platform
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -46,7 +44,7 @@ from tracking.run_folders.arrays import Grounds
 from tracking.run_folders.json_file import Triangles
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
-from tracking.run_folders.table import Table
+from tracking.run_folders.table_schema import TableSchema
 from training.typical_objects import as_plain
 
 _OF_STAGES = (
@@ -135,10 +133,12 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
 
 
 @cache
-def _table(name: str) -> Table:
+def _table(name: str) -> TableSchema:
     """Return the table of a run folder; one that only a new stage knows has placement and axes."""
     by_name = {table.name: table for table in contract.TABLES}
-    return by_name.get(name) or Table.of(name, "a row of a stage", contract.PLACEMENT, axes=("",))
+    return by_name.get(name) or TableSchema.of(
+        name, "a row of a stage", contract.PLACEMENT, axes=("",)
+    )
 
 
 def _stage_tables(
@@ -188,7 +188,7 @@ def _stack(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
-def _once(table: Table, axes: Sequence[str], rows: Iterable[_Rows]) -> pd.DataFrame:
+def _once(table: TableSchema, axes: Sequence[str], rows: Iterable[_Rows]) -> pd.DataFrame:
     """Stack rows of trials, with columns that distinguish them in front; shared rows once."""
     parts: dict[tuple[object, ...], pd.DataFrame | None] = {}
     for trial, tasks, read in rows:
@@ -203,7 +203,7 @@ def _once(table: Table, axes: Sequence[str], rows: Iterable[_Rows]) -> pd.DataFr
     return every if _has(table, "trial") else every.drop_duplicates(ignore_index=True)
 
 
-def _has(table: Table, name: str) -> bool:
+def _has(table: TableSchema, name: str) -> bool:
     return any(column.name == name for column in table.columns)
 
 

@@ -1,7 +1,5 @@
 """State of a sweep, read from its store and its run folder; nothing is run."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass

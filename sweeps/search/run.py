@@ -18,7 +18,7 @@ from sweeps.execution.backends import Backend, BackendLost
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress, about
 from sweeps.execution.runner import Say, drive
-from sweeps.mlflow.page import note
+from sweeps.mlflow.experiment import note
 from sweeps.results.origin import record_origin
 from sweeps.search.greedy.certificate import Certificate, first_params, kept_certificate, why_none
 from sweeps.search.output.run_folder import write_search
@@ -43,8 +43,8 @@ from sweeps.stages.task import Task
 from sweeps.store.local import Store
 from sweeps.store.open import reference
 from tracking.mlflow.content import ParentRun
+from tracking.mlflow.experiment_page import source_tags
 from tracking.mlflow.log import SweepLog
-from tracking.mlflow.page import source_tags
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.build import build_search_report
 

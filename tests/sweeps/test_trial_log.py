@@ -38,7 +38,7 @@ def planned(tmp_path, **keys):
     store = Store(tmp_path / "store")
 
     def listener():
-        own = {"trials": plan.trials, "axes": (), "there": store.finished(plan.tasks)}
+        own = {"trials": plan.trials, "axes": (), "cached": store.finished(plan.tasks)}
         shown = (Terminal(file=StringIO()), (), store, FailureFolder(tmp_path / "failed"))
         return TrialLog(*shown, **own, pictures=tmp_path / "pictures")
 

@@ -20,7 +20,7 @@ from tracking.mlflow.connection import (
     reason,
 )
 from tracking.mlflow.content import Dataset, EndedTrial, ParentRun, TrialRun
-from tracking.mlflow.page import NOTE_TAG, VIEW_TAG, page_of, view
+from tracking.mlflow.experiment_page import NOTE_TAG, VIEW_TAG, page_of, view
 from tracking.mlflow.uri import is_server, sqlite_file
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from tracking.figures.kit.style import OUTLINE, QUIET, TOLD, text
 from tracking.figures.kit.vehicle_lines import add_lines, vehicle_in_space
 from tracking.findings.failures import Failures
 from tracking.labels import digits
-from tracking.pages.page import figure_json, write_page
+from tracking.pages.html_page import figure_json, write_page
 from tracking.pages.section import Section
 from tracking.run_folders.arrays import FailureFrames
 from tracking.run_folders.sweep import RunFolder

@@ -18,7 +18,7 @@ from lidarplace.files.regular import is_there
 from tracking.run_folders.arrays import Grounds, UnseenMaps
 from tracking.run_folders.search_json import Rig, SearchResult
 from tracking.run_folders.search_tables import TABLES, TRIALS
-from tracking.run_folders.table import Column, DType
+from tracking.run_folders.table_schema import Column, DType
 
 _ANGLES = ("roll", "pitch", "yaw")
 _OF_LIDAR = re.compile(r"lidar_\d+\.(model|zone|\w+_m|\w+_deg)")

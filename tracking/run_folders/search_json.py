@@ -14,7 +14,7 @@ from lidarplace.rigs.placement import Mount
 from tracking.run_folders.json_file import Boxes, Part, ResultFile, Triangles, drawn_vehicle
 from tracking.run_folders.search_tables import trials_of
 from tracking.run_folders.sweep_json import Pose
-from tracking.run_folders.table import Table
+from tracking.run_folders.table_schema import TableSchema
 
 
 class Objective(Part):
@@ -230,7 +230,7 @@ class SearchResult(ResultFile):
         return f"rays of 1 in {self.stride.azimuth_stride} azimuth steps"
 
     @property
-    def trials_table(self) -> Table:
+    def trials_table(self) -> TableSchema:
         """Contract of the table of trials."""
         return trials_of((o.name for o in self.objectives), (c.name for c in self.constraints))
 

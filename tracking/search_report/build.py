@@ -10,7 +10,7 @@ from lidarplace.requirements.tables import worst_cases
 from tracking.figures import of_searches
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.labels import DASH, digits, number
-from tracking.pages.page import write_page
+from tracking.pages.html_page import write_page
 from tracking.pages.requirements import ALONE, counted, draw_failures, verdict_table
 from tracking.pages.section import MOST_ROWS, Section, Table
 from tracking.run_folders.search import SearchFolder
@@ -28,7 +28,7 @@ MOST_BEST = 4
 def build_search_report(folder: Path) -> Path:
     """Write `search.html` into the run folder of a search and return its path.
 
-    One file that loads nothing from a network, see `tracking.pages.page`. What the search did
+    One file that loads nothing from a network, see `tracking.pages.html_page`. What the search did
     not make is left out. Raises ValueError: `folder` is no folder of a search, see
     `SearchFolder.read`."""
     run = SearchFolder.read(folder)

@@ -73,7 +73,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class TableSchema:
     """Parquet file of a run folder; further columns are ignored."""
 
     name: str  # of the file, without `.parquet`
@@ -86,7 +86,7 @@ class Table:
     key: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, name: str, doc: str, *columns: Column, **further: Any) -> Table:
+    def of(cls, name: str, doc: str, *columns: Column, **further: Any) -> TableSchema:
         """Make a table of these columns; `further` are attributes."""
         return cls(name, doc, columns, **further)
 
