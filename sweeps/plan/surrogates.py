@@ -14,7 +14,7 @@ from lidarplace.mounting.errors import fleet
 from lidarplace.pog.surrogates.table import ASKED_OF_POG, OBJECT_SURROGATES, POG_SURROGATES
 from lidarplace.requirements.layout import RequirementLayout
 from sweeps.configuration.grid import GridPoint
-from sweeps.configuration.question import check_asked, laid_out
+from sweeps.configuration.requirements_file import check_rig_fits, lay_out_requirements
 from sweeps.plan import named_files
 from sweeps.plan.clouds import as_collected
 from sweeps.plan.planning import Planning
@@ -92,7 +92,7 @@ def _lay_out(
     if not requirements:
         return ()
     known_curves = planning.once(named_files.curves_of, curves, ())
-    return laid_out(requirements, vehicle_of(vehicle), known_curves)
+    return lay_out_requirements(requirements, vehicle_of(vehicle), known_curves)
 
 
 def plan_requirements(planning: Planning, grid_point: GridPoint) -> Task[RequirementsStage] | None:
@@ -104,7 +104,7 @@ def plan_requirements(planning: Planning, grid_point: GridPoint) -> Task[Require
     with at(key="requirements"):
         settings = common.placements.get(grid_point.point.placement)
         further = () if settings is None else settings.further()
-        check_asked(grid_point.rig, vehicle, common.requirements, further)
+        check_rig_fits(grid_point.rig, vehicle, common.requirements, further)
     requirements = tuple(item.requirement for item in layout)
     stage = RequirementsStage(grid_point.rig, vehicle, requirements, further)
     return planning.add_for(grid_point, stage)

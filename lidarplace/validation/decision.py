@@ -1,4 +1,4 @@
-"""May the simulator be believed for this vehicle?"""
+"""Decision whether the simulator can be trusted for a vehicle."""
 
 from typing import NamedTuple
 
@@ -13,48 +13,47 @@ RHO = 0.85  # least Spearman's rho over objects
 SHARE = 0.05  # largest difference of the shares of objects with at least 5 points
 
 
-class Verdict(NamedTuple):
-    """The decision of the page."""
+class Decision(NamedTuple):
+    """Decision of the page, and its reasons."""
 
     answer: str  # "yes", "with a correction" or "no"
     why: tuple[str, ...]
 
 
-def verdict(found: Validation) -> Verdict:
+def decide(validation: Validation) -> Decision:
     """Decide by the simulation as shipped, and by the correction on routes left out of its fit."""
-    if found.tracks < FEWEST_TRACKS:
-        few = (
-            f"Too few tracks to judge; expected at least {FEWEST_TRACKS}, found {found.tracks}. "
-            "One number was fitted: a factor for all classes."
-        )
-        return Verdict("no", (few,))
-    failed = {model: _failed(found, model) for model in ("shipped", "corrected")}
+    if validation.tracks < FEWEST_TRACKS:
+        few = f"Too few tracks to judge; expected at least {FEWEST_TRACKS}, found "
+        few += f"{validation.tracks}. One number was fitted: a factor for all classes."
+        return Decision("no", (few,))
+    failed = {model: _failed(validation, model) for model in ("shipped", "corrected")}
     if not failed["shipped"]:
-        return Verdict("yes", ("Without a correction every check is met.",))
+        return Decision("yes", ("Without a correction every check is met.",))
     why = [f"As shipped: {'; '.join(failed['shipped'])}."]
-    if not found.given and found.routes < 2:
+    if not validation.correction_given and validation.routes < 2:
         why.append("There is one route: a correction cannot be judged on another one.")
-        return Verdict("no", tuple(why))
+        return Decision("no", tuple(why))
     if failed["corrected"]:
         why.append(f"With the correction: {'; '.join(failed['corrected'])}.")
-        return Verdict("no", tuple(why))
-    how = f"judged on {found.routes} routes left out of the fit in turn"
-    why.append(f"With the correction, {'as given' if found.given else how}, every check is met.")
-    own = {"routes": found.routes, "tracks": found.tracks, "boxes": found.boxes}
-    if found.given and own.items() <= found.correction.fitted.items():
+        return Decision("no", tuple(why))
+    basis = f"judged on {validation.routes} routes left out of the fit in turn"
+    basis = "as given" if validation.correction_given else basis
+    why.append(f"With the correction, {basis}, every check is met.")
+    facts = {"routes": validation.routes, "tracks": validation.tracks, "boxes": validation.boxes}
+    if validation.correction_given and facts.items() <= validation.correction.fitted.items():
         why.append("The correction was fitted to this very log: judge it on another one.")
-    of_routes = found.scores.query("model == 'corrected' and by == 'route'")["bias"]
+    of_routes = validation.scores.query("model == 'corrected' and by == 'route'")["bias"]
     if len(of_routes) > 1:
         low, high = 2 ** of_routes.min(), 2 ** of_routes.max()
         why.append(
             f"On single routes the median object has {low:.2f} to {high:.2f} times its real points."
         )
-    return Verdict("with a correction", tuple(why))
+    return Decision("with a correction", tuple(why))
 
 
-def _failed(found: Validation, model: str) -> list[str]:
-    """Checks that are not met, in words."""
-    row = found.scores.query("model == @model and by == 'all'").iloc[0]
+def _failed(validation: Validation, model: str) -> list[str]:
+    """List the checks that are not met, in words."""
+    row = validation.scores.query("model == @model and by == 'all'").iloc[0]
     bias, spread, within, rho = row[["bias", "spread", "within_2", "rho"]]
     share = row["simulated_5"] - row["real_5"]
     checks = {
