@@ -19,11 +19,10 @@ from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.experiment import ABOUT, columns, note
 from sweeps.mlflow.trials import TrialLog
-from sweeps.plan.labels import further_axes
 from sweeps.plan.trial import Plan, Trial
 from sweeps.results.failure_frames import write_failure_frames
 from sweeps.results.origin import record_origin
-from sweeps.results.promotion import at_most, promote
+from sweeps.results.promotion import promote
 from sweeps.results.run_folder import Run, write_run
 from sweeps.results.trial_results import trial_failure
 from sweeps.stages.task import Task
@@ -110,13 +109,8 @@ class SweepWork:
         except ValueError as error:
             wrong(error)
         outcome = Outcome()
-        listener = TrialLog(
-            *(self.console, at_most(sweep, plan), store, failures),
-            trials=plan.trials,
-            axes=further_axes(sweep),
-            cached=cached,
-            pictures=folder / "pictures",
-        )
+        pictures = folder / "pictures"
+        listener = TrialLog(self.console, sweep, plan, store, failures, cached, pictures)
         with listener:
             log.follow(listener.ended)
 

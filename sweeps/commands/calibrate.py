@@ -17,7 +17,7 @@ from sweeps import options
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sweeps.evaluation.asked import Asked
+    from sweeps.evaluation.request import EvaluationRequest
 
 app = new_app()
 
@@ -67,7 +67,7 @@ def calibrate(
         if config is not None:
             seen = _of_sweep(config, set_ or [], class_ or [])
         else:
-            from sweeps.evaluation.asked import asked_for
+            from sweeps.evaluation.request import asked_for
 
             asked = asked_for(
                 Path(str(log)), [], rig or [], geometry or [], layout, world, calib, class_map, roi,
@@ -111,7 +111,7 @@ def _of_sweep(config: Path, overrides: list[str], classes: list[str]) -> pd.Data
     return seen[seen["class"].isin(classes)] if classes else seen
 
 
-def _of_detections(asked: Asked) -> pd.DataFrame:
+def _of_detections(asked: EvaluationRequest) -> pd.DataFrame:
     import pandas as pd
 
     from lidarplace.recall.counted_objects import CountedObjects

@@ -106,7 +106,7 @@ def _training(
     from sweeps.sweep_or_search import is_search
 
     if is_search(config):
-        from sweeps.search.problem.judged_sweep import generalists
+        from sweeps.search.problem.generalist_trials import generalists
         from sweeps.search.problem.problem import read_problem  # Optuna
 
         problem = read_problem(config, overrides)

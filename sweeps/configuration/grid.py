@@ -73,10 +73,13 @@ class Sweep:
     path: Path
 
 
-def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
+def read_sweep(
+    path: Path, overrides: Sequence[str] = (), changes: Mapping[str, Any] | None = None
+) -> Sweep:
     """Read `path`, apply `KEY=VALUE` overrides (values are YAML), check all and build the grid.
-    Raises ConfigError."""
-    raw = read_named(path, overrides, SweepFile)
+
+    `changes`: key path -> plain data, set after `overrides`. Raises ConfigError."""
+    raw = read_named(path, overrides, SweepFile, changes)
     with at(path, ConfigError), plugin_folder(path.parent):
         sweep = build_sweep(raw, path)
         _check_mounts(sweep)

@@ -14,7 +14,7 @@ from lidarplace.command_line.invocation import called
 from lidarplace.files.atomic import write_text
 from lidarplace.files.regular import is_there
 from sweeps.configuration.file import public_yaml
-from sweeps.evaluation.asked import Asked
+from sweeps.evaluation.request import EvaluationRequest
 from sweeps.results.failure_frames import frames_of
 from sweeps.results.object_tables import ABOUT, found_in
 from sweeps.results.trial_results import Cell, with_columns
@@ -32,7 +32,7 @@ Worth = Mapping[str, Sequence[EvaluationResult]]
 """What the detections of a rig are worth, by its name and by training."""
 
 
-def evaluate_rigs(asked: Asked) -> Worth:
+def evaluate_rigs(asked: EvaluationRequest) -> Worth:
     """Compare the detections of every rig with the objects that count."""
     test = asked.test
     return {
@@ -69,7 +69,7 @@ def check_free(folder: Path) -> None:
 
 
 def write_evaluation(
-    folder: Path, found: Worth, asked: Asked, evaluator: str
+    folder: Path, found: Worth, asked: EvaluationRequest, evaluator: str
 ) -> tuple[Analysis, FailureFrames | None]:
     """Write all that reports read; return the analysis of the folder and the frames to show.
 

@@ -1,17 +1,20 @@
 """Trials of a sweep that have ended, and the content of their runs at MLflow."""
 
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
 import pandas as pd
 from rich.console import Console
 
+from sweeps.configuration.grid import Sweep
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress import StageProgress
 from sweeps.mlflow.experiment import datasets, tags
-from sweeps.plan.trial import DetectorTrial, Trial, with_detector
+from sweeps.plan.labels import further_axes
+from sweeps.plan.trial import DetectorTrial, Plan, Trial, with_detector
+from sweeps.results.promotion import at_most
 from sweeps.results.trial_results import (
     surrogate_table,
     trial_failure,
@@ -27,25 +30,23 @@ class TrialLog(StageProgress):
     """Progress of stages that also yields the trials that have ended.
 
     Trials without a detector, and those that were pruned before they began, have no run: they
-    may be thousands, and MLflow takes some 40 ms of a core for each. `axes` are the further
-    ones, `cached` keys of results of an earlier run."""
+    may be thousands, and MLflow takes some 40 ms of a core for each. `cached` are keys of
+    results of an earlier run."""
 
     def __init__(
         self,
         console: Console,
-        tasks: Sequence[Task],
+        sweep: Sweep,
+        plan: Plan,
         store: Store,
         failures: FailureFolder,
-        *,
-        trials: Sequence[Trial],
-        axes: Sequence[str],
         cached: Collection[str],
         pictures: Path,
     ) -> None:
-        super().__init__(console, tasks, store, failures)
-        self._trials = with_detector(trials)
+        super().__init__(console, at_most(sweep, plan), store, failures)
+        self._trials = with_detector(plan.trials)
         self._store = store
-        self._axes = axes
+        self._axes = further_axes(sweep)
         self._times = dict.fromkeys(cached, _now_ms())
         self._known: Mapping[str, Failure] = {}
         self._pictures = pictures

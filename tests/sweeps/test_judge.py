@@ -8,7 +8,7 @@ from small_log import write_small_log
 from lidarplace.scenes.recorded import LogScene, log_parts
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
-from sweeps.search.trials.by_generalist import detect_task, judged_metrics
+from sweeps.search.trials.by_generalist import detect_task, metrics_of_portions
 from sweeps.store.local import Store
 from tests.sweeps.toy import result
 from training import build_detector
@@ -65,7 +65,7 @@ def test_metrics_of_all_portions_are_those_of_the_whole(judged):
     truth = next(task for task in trial.evaluate.inputs if task.stage.name == "ground_truth")
     for task in [*every, truth]:
         store.save(task, value_of(task, known), 0.0)
-    own = [judged_metrics(store, p, [truth], ["Car"], {}, ()) for p in (every[:1], every[1:])]
+    own = [metrics_of_portions(store, p, [truth], ["Car"], {}, ()) for p in (every[:1], every[1:])]
     pd.testing.assert_frame_equal(*own)
 
 

@@ -88,7 +88,7 @@ def assert_logged_once(uri: str, seeds: range, name: str = "demo") -> None:
     for seed in seeds:
         run = runs[f"line · tiny · seed {seed}"]
         assert run.info.status == "FINISHED"
-        assert run.data.stage == {"seed": str(seed), "detector": "tiny"}
+        assert run.data.params == {"seed": str(seed), "detector": "tiny"}
         assert run.data.tags["mlflow.parentRunId"] == parent.info.run_id
         losses = [("loss", 1, 3.0), ("loss", 2, 2.0), ("loss", 3, 1.5)]
         assert points_of(uri, run) == [("AP_R40_3D.Car.0.70", 0, 60.0 + seed), *losses]

@@ -92,7 +92,7 @@ def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> N
         assert driver.exitcode == -signal.SIGKILL
     log_all(uri, run)
     made.assert_logged_once(store, SEEDS)
-    assert made.runs_of(store)["demo"].data.stage == {"epochs": "3"}
+    assert made.runs_of(store)["demo"].data.params == {"epochs": "3"}
     files = sorted(path.name for path in folder.rglob("artifacts/**/*.*"))
     assert files == len(SEEDS) * ["placement.png"] + ["report.html"]
     with sqlite3.connect(sqlite_file(store)) as database:

@@ -54,7 +54,7 @@ def test_a_sweep_is_a_parent_and_a_child_a_trial(uri, tmp_path):
         log.artifact(figure)
     runs = runs_of(uri)
     parent, child = runs["demo"], runs["line"]
-    assert parent.data.stage == {"epochs": "3"}
+    assert parent.data.params == {"epochs": "3"}
     assert child.data.tags["mlflow.parentRunId"] == parent.info.run_id
     assert child.data.metrics == {"seconds": 2.5, "loss": 1.5}
     assert (child.info.start_time, child.info.end_time) == (7500, 10_000)
@@ -161,7 +161,7 @@ def test_a_failed_trial_is_marked_and_may_succeed_later(uri, tmp_path):
     assert run.info.run_id == failed.info.run_id
     assert run.info.status == "FINISHED"
     assert run.info.end_time - run.info.start_time == 1000
-    assert run.data.stage == {"seed": "1"}
+    assert run.data.params == {"seed": "1"}
     assert "lidarplace.error" not in run.data.tags
     assert run.data.metrics == {"seconds": 1.0, "surrogate": 2.0}, "one value each, the first"
     logged(uri, tmp_path, [trial("line", "no more")])  # what is finished stays
@@ -185,7 +185,7 @@ def test_more_params_and_metrics_than_one_batch_takes(uri, tmp_path):
     for _ in range(2):
         logged(uri, tmp_path, [trial("line", params=params, metrics=metrics)], params=params)
     run = runs_of(uri)["line"]
-    assert len(run.data.stage) == 150
+    assert len(run.data.params) == 150
     assert run.data.metrics == metrics
 
 

@@ -16,7 +16,11 @@ from tracking.figures.kit.style import OUTLINE, colour, figure, text
 from tracking.figures.kit.vehicle_lines import add_vehicle, pog_from_above
 from tracking.run_folders.search_json import Objective, Rig
 
-_BOUND, _GREEDY, _PAPER = colour(5), colour(2), colour(1)
+_BOUND = {"color": colour(5), "width": 1.5, "dash": "dash"}
+_GREEDY = {"color": colour(2), "width": 1.5, "dash": "dashdot"}
+_PAPER = {"color": colour(1), "width": 1.5, "dash": "dot"}
+_BEST = {"color": colour(0), "width": 1.5, "dash": "dot"}
+_OTHERS = {"color": OUTLINE, "width": 1, "dash": "dot"}
 
 
 def search_history(
@@ -62,14 +66,14 @@ def search_history(
         )
     ends = (0, max(len(value), 1))
     if bound is not None:
-        _level(plot, ends, bound, "upper bound", _BOUND, "dash")
+        _level(plot, ends, bound, "upper bound", _BOUND)
     if greedy is not None:
-        _level(plot, ends, greedy, "greedy", _GREEDY, "dashdot")
+        _level(plot, ends, greedy, "greedy", _GREEDY)
     for i, (name, level) in enumerate(paper.items()):
         if i == 0:
-            _level(plot, ends, level, f"{name}, best of the paper", _PAPER, "dot")
+            _level(plot, ends, level, f"{name}, best of the paper", _PAPER)
         else:
-            _level(plot, ends, level, "others of the paper", OUTLINE, "dot", name, i == 1)
+            _level(plot, ends, level, "others of the paper", _OTHERS, name, i == 1)
     return _finished(plot, "evaluations", objective)
 
 
@@ -90,13 +94,13 @@ def bound_over_seconds(bound: pd.DataFrame, objective: Objective, best: float | 
             x=part["seconds"].to_numpy(),
             y=part["bound"].to_numpy(),
             mode="lines+markers",
-            line={"color": (_BOUND, colour(4), colour(3))[i % 3], "width": 2, "shape": "hv"},
+            line={"color": colour((5, 4, 3)[i % 3]), "width": 2, "shape": "hv"},
             name=f"bound: {text(kind)}",
             hovertemplate="%{x:.3g} s: %{y:,.6g}<extra></extra>",
         )
     if best is not None:
         ends = (0.0, float(bound["seconds"].max()))
-        _level(plot, ends, best, "best rig", colour(0), "dot")
+        _level(plot, ends, best, "best rig", _BEST)
     return _finished(plot, "seconds", objective)
 
 
@@ -105,20 +109,16 @@ def _level(
     ends: tuple[float, float],
     value: float,
     name: str,
-    shade: str,
-    dash: str,
+    line: Mapping[str, Any],
     hover: str | None = None,
     listed: bool = True,
 ) -> None:
-    """Draw a level line.
-
-    `label` is its name in the legend; `hover` of several lines of one name, of which the first
-    is `listed`."""
+    """Draw a level line, which is `listed` in the legend as `name`, shown as `hover` or `name`."""
     plot.add_scatter(
         x=ends,
         y=[value, value],
         mode="lines",
-        line={"color": shade, "width": 1.5 if hover is None else 1, "dash": dash},
+        line=line,
         name=text(name),
         legendgroup=name,
         showlegend=listed,

@@ -116,13 +116,6 @@ def best_placement(
     table = {"mean": reported_means, "seeds": of_seeds.counts, "lead": means[0] - means}
     table |= {"low": low, "high": high}
     others = pd.DataFrame(table, index=y.index)
-    note = ""
-    if len(y) == 1:
-        note = "one placement: there is nothing to compare it with"
-    elif of_seeds.degrees == 0 and noise.degrees > 0:
-        note = "one generalist: what another one would say is not in the intervals"
-    elif of_seeds.degrees == 0:
-        note = "one seed each: the training noise is unknown, so there is no interval"
     return BestPlacement(
         best=str(y.index[0]),
         mean=float(reported_means[0]),
@@ -131,10 +124,21 @@ def best_placement(
         sd=float(np.sqrt(of_seeds.variance)),
         seed_sd=of_seeds.seed_sd,
         sample=sample,
-        note=note,
+        note=_note(len(y), of_seeds, noise),
         noise=noise,
         pairs=pairs,
     )
+
+
+def _note(placements: int, of_seeds: Noise, noise: Noise) -> str:
+    """Say why there are no intervals, or what is not in them; "" if all is."""
+    if placements == 1:
+        return "one placement: there is nothing to compare it with"
+    if of_seeds.degrees > 0:
+        return ""
+    if noise.degrees > 0:
+        return "one generalist: what another one would say is not in the intervals"
+    return "one seed each: the training noise is unknown, so there is no interval"
 
 
 def _as_area(y: pd.DataFrame, left_out: pd.DataFrame | None) -> pd.DataFrame:

@@ -60,7 +60,7 @@ class RequirementsFile(Settings):
 
 
 @dataclass(frozen=True)
-class Question:
+class RequirementsCheck:
     """Rigs of different names, the vehicle that carries them, to whose body belongs what is kept
     out, the requirements, laid out around it, and cameras and radars of each rig."""
 
@@ -70,7 +70,7 @@ class Question:
     further: tuple[tuple[MountedSensor, ...], ...]
 
 
-def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
+def read_requirements_check(path: Path, overrides: Sequence[str] = ()) -> RequirementsCheck:
     """Read a file, its rigs and curves, and lay out its requirements. Raises ValueError, which
     names file, key and what is wrong, and OSError."""
     raw = read_yaml(path, overrides, RequirementsFile)
@@ -80,13 +80,15 @@ def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
         body = vehicle_of(file.vehicle)
         rigs, further = zip(*_rigs(file), strict=True)
         for rig, others in zip(rigs, further, strict=True):
-            check_asked(rig, body, file.requirements, others)
+            check_rig_fits(rig, body, file.requirements, others)
             _check_kept_out(rig, file.keep_out)
         vehicle = vehicle_of(carrier_of(file.vehicle, file.keep_out))
-        return Question(rigs, vehicle, laid_out(file.requirements, vehicle, curves), further)
+        return RequirementsCheck(
+            rigs, vehicle, lay_out_requirements(file.requirements, vehicle, curves), further
+        )
 
 
-def laid_out(
+def lay_out_requirements(
     requirements: Sequence[RequirementSettings],
     vehicle: Vehicle,
     curves: DetectionCurves,
@@ -135,7 +137,7 @@ def _check_kept_out(rig: Placement, keep_out: Mapping[str, KeepOutSettings]) -> 
                 raise InputError(problem, key=repr(rig.name))
 
 
-def check_asked(
+def check_rig_fits(
     rig: Placement,
     vehicle: Vehicle,
     requirements: Sequence[RequirementSettings],
@@ -145,10 +147,10 @@ def check_asked(
     check_lidars(rig, requirements)
     kinds = ["lidar"] * len(rig.mounts) + [sensor.kind for sensor in further]
     for own in requirements:
-        check_dead(own, kinds)
+        check_dead_sensors(own, kinds)
         if own.common_view is not None:
             with at(key=f"{own.name!r}: {rig.name!r}"):
-                check_pairs(own.common_view.asked(), len(kinds))
+                check_pairs(own.common_view.view(), len(kinds))
     check_mounts(rig, vehicle)
 
 
@@ -162,7 +164,7 @@ def check_lidars(rig: Placement, requirements: Sequence[RequirementSettings]) ->
                 raise InputError(problem, key=f"{own.name!r}: {key}")
 
 
-def check_dead(own: RequirementSettings, kinds: Sequence[str]) -> None:
+def check_dead_sensors(own: RequirementSettings, kinds: Sequence[str]) -> None:
     """Raise ValueError if sensors of a rig, of these kinds, can be dead in too many ways."""
     needs = () if own.at_least is None else own.at_least.needs
     count = {KIND_OF.get(measure, "lidar") for measure, _ in needs}

@@ -31,7 +31,7 @@ ALONE = "detections"
 
 
 @dataclass(frozen=True)
-class Asked:
+class EvaluationRequest:
     """What was read.
 
     Attributes:
@@ -64,7 +64,7 @@ def asked_for(
     split: str,
     counted: str,
     accept: Sequence[str],
-) -> Asked:
+) -> EvaluationRequest:
     """Read what the options of `sweeps.options` name. Raises OSError, ValueError."""
     if bool(detections) == bool(rigs):
         problem = "both, or none" if detections else "no detections"
@@ -122,7 +122,7 @@ def asked_for(
             rig = one_rig(whole.rigs)
             own_rig = rig if where == "recorded" else rig.subset(where.split("+"))
             places[name] = own_rig.placement
-    return Asked(test, found, paths, places, notes, cautions)
+    return EvaluationRequest(test, found, paths, places, notes, cautions)
 
 
 def _by_rig(option: str, pairs: Sequence[str]) -> dict[str, list[str]]:
