@@ -427,21 +427,13 @@ def _train(
     generalist: Mapping[str, Tensor] | None,
     how: How,
 ) -> Trained:
-    from training.finetune import StartingWeights
+    from training.finetune import TrainingRun
     from training.finetune import finetune as train
 
-    result = train(
-        params.detector,
-        classes,
-        clouds,
-        objects,
-        params.training,
-        seed=params.seed,
-        point_range=params.point_range,
-        start=StartingWeights(digest=params.checkpoint, generalist=generalist),
-        typical=params.typical,
-        **how,
-    )
+    place = (params.point_range, params.typical)
+    run = TrainingRun(*place, digest=params.checkpoint, generalist=generalist, **how)
+    data = (clouds, objects, params.training)
+    result = train(params.detector, classes, *data, params.seed, run)
     return Trained(
         state_dict=result.state_dict,
         curve=result.curve,
