@@ -176,8 +176,10 @@ def training(detector: str) -> Call:
     from training.settings import TrainingSettings
 
     torch.set_num_threads(1)
-    run = getattr(finetune, "TrainingRun", None)  # older commits have its fields as arguments
-    options = {"run": run(CROP)} if run else {"point_range": CROP}
+    context = getattr(
+        finetune, "TrainingContext", None
+    )  # older commits have its fields as arguments
+    options = {"context": context(CROP)} if context else {"point_range": CROP}
     objects = ground_truth(log_and_rig()[0], (0, 40), (-20, 20), (0, 4))
     settings = TrainingSettings(epochs=2, batch_size=4, rotation=0.1)
 

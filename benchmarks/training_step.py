@@ -116,8 +116,10 @@ def one(network: str, frames: int, half: bool) -> list[dict[str, float]]:
     for owner, function, part in parts:
         clock.watch(owner, function, part)
     options = {"point_range": CROP, "on_step": clock.step}
-    run = getattr(finetune, "TrainingRun", None)  # older commits have its fields as arguments
-    options = {"run": run(**options)} if run else options
+    context = getattr(
+        finetune, "TrainingContext", None
+    )  # older commits have its fields as arguments
+    options = {"context": context(**options)} if context else options
     name = "pointpillars_tiny" if joint else network
     finetune.finetune(name, classes, JoinedClouds(clouds), objects, settings, seed=1, **options)
     return [{part: t / 4 for part, t in step.items()} for step in clock.steps[FIRST_STEPS:]]

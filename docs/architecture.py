@@ -12,7 +12,7 @@ from html import escape
 from itertools import pairwise
 from pathlib import Path
 
-from sweeps import PACKAGES
+from lidarplace.base.code_version import PACKAGES
 from tests.test_layers import FLOORS, MODULES, floors_of
 
 FOLDER = Path(__file__).parent

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sweeps import PACKAGES
+from lidarplace.base.code_version import PACKAGES
 
 ROOT = Path(__file__).parents[1]
 OWN = set(PACKAGES)
@@ -79,7 +79,7 @@ FLOORS = {
     ),
     "sweeps": (
         "configuration",
-        "tasks",
+        "stages",
         "options plan store",
         "execution",
         "calibration results",

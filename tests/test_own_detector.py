@@ -12,18 +12,17 @@ import torch
 import yaml
 from torch import nn
 
+from lidarplace.base.code_version import code_version
 from lidarplace.base.errors import InputError
 from lidarplace.base.plugin_folders import PLUGINS, plugin_folder
 from sweeps.execution.failures import Failure
 from sweeps.execution.ray_cluster import _plug_ins
-from sweeps.tasks import code_version
-from sweeps.tasks.task import code_of
 from tests.docs_blocks import ROOT
 from tests.extending import install
 from tests.forked import GUARD_S, Forked, run_forked
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import SMALL, write_small_log
-from training import build_detector
+from training import build_detector, code_of_network, network_of
 from training.detectors.contract import as_arrays, checked_losses
 from training.detectors.detector import Detector
 
@@ -43,8 +42,7 @@ def plugins():
     for name in set(sys.modules) - known:
         if name.partition(".")[0] in ("own_detector", "broken"):
             del sys.modules[name]
-    code_version.code_version.cache_clear()
-    code_version._code.cache_clear()
+    code_version.cache_clear()
 
 
 @pytest.fixture
@@ -127,12 +125,12 @@ def test_its_code_reaches_workers_and_keys(plugins, tmp_path):
     with plugin_folder(tmp_path):
         build_detector(NETWORK, ["Car"])
     assert _plug_ins() == [str(tmp_path / "own_detector")]
-    assert code_of("evaluate", f"{NETWORK}_tiny") == (code := code_of("evaluate", NETWORK))
+    assert network_of(f"{NETWORK}_tiny") == NETWORK
+    code = code_version(*code_of_network(NETWORK))
     text = (tmp_path / "own_detector/nets.py").read_text()
     (tmp_path / "own_detector/nets.py").write_text(text.replace("SPREAD = 1.5", "SPREAD = 1.6"))
-    code_version.code_version.cache_clear()
-    code_version._code.cache_clear()
-    assert code_of("evaluate", NETWORK) != code
+    code_version.cache_clear()
+    assert code_version(*code_of_network(NETWORK)) != code
 
 
 BROKEN = """

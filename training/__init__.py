@@ -72,4 +72,4 @@ def network_of(detector: str) -> str:
 def code_of_network(network: str) -> tuple[str, ...]:
     """List the dotted paths of the code that only this network needs."""
     module = network if network in NETWORKS.own else "build"
-    return (f"training.detectors.{module}", *NETWORKS.roots([network]))
+    return (f"training.detectors.{module}", *NETWORKS.modules([network]))

@@ -46,7 +46,7 @@ class FinetuneResult:
 
 
 @dataclass(frozen=True)
-class TrainingRun:
+class TrainingContext:
     """Circumstances of a training that are not its settings."""
 
     point_range: PointRange | None = None  # for `training.build_detector`, ego frame
@@ -73,7 +73,7 @@ def finetune(
     ground_truth: pd.DataFrame,
     settings: TrainingSettings,
     seed: int,
-    run: TrainingRun = TrainingRun(),
+    context: TrainingContext = TrainingContext(),
 ) -> FinetuneResult:
     """Train `detector` on the frames of `clouds`, on a GPU if there is one.
 
@@ -85,7 +85,7 @@ def finetune(
         settings: how to train, and from which weights.
         seed: of the weights, the order of frames, the augmentation and what the network draws.
             The same seed gives the same result on a CPU; the caller's random state is left alone.
-        run: range, anchors, weights to start from, and where the training is kept.
+        context: range, anchors, weights to start from, and where the training is kept.
 
     Raises:
         ValueError: no frames, unknown detector or class, bad ground truth, a checkpoint that does
@@ -95,20 +95,22 @@ def finetune(
     """
     if len(clouds) == 0:
         raise InputError(key="clouds", expected="at least one frame", found="none")
-    typical = _typical(classes, ground_truth, settings, run.typical)
+    typical = _typical(classes, ground_truth, settings, context.typical)
     with torch.random.fork_rng(range(torch.cuda.device_count())):
         torch.manual_seed(seed)
-        model = build(detector, classes, point_range=run.point_range, typical=typical)
-        weights = _load_weights(model, settings, run)
+        model = build(detector, classes, point_range=context.point_range, typical=typical)
+        weights = _load_weights(model, settings, context)
         model.to(device())
         about = {"detector": detector, "classes": list(classes), "seed": seed, "weights": weights}
         identity = _identity(model, settings) | about
-        folder = TrainingFolder(run.folder, fingerprint(identity, clouds, ground_truth))
+        folder = TrainingFolder(context.folder, fingerprint(identity, clouds, ground_truth))
         least, share = settings.min_points, settings.frame_share
         frames = TrainingFrames(classes, clouds, ground_truth, model.sensor_height, least, share)
         database = ObjectDatabase.of(frames, classes, settings.sample_groups, least)
         augmentation = Augmentation(settings, model.point_range, database)
-        state, batch_size, reduced = _start(folder.load(), run.halvings, model, frames, settings)
+        state, batch_size, reduced = _start(
+            folder.load(), context.halvings, model, frames, settings
+        )
         optimisation = Optimisation(
             model, settings, settings.epochs * -(-len(frames) // batch_size)
         )
@@ -119,7 +121,7 @@ def finetune(
         earlier = sum(value for _, name, value in curve if name == "seconds")
         parts = (model, optimisation, frames, augmentation, batch_size)
         for epoch in range(state.epoch + 1 if state else 1, settings.epochs + 1):
-            values = _train_epoch(*parts, (seed, epoch), run.on_step)
+            values = _train_epoch(*parts, (seed, epoch), context.on_step)
             curve.extend((epoch, name, value) for name, value in values.items())
             states = model.state_dict(), optimisation.state_dict()
             folder.save(TrainingState(epoch, batch_size, reduced, *states, curve))
@@ -206,15 +208,15 @@ def _train_epoch(
     return values | {"lr": optimisation.lr, "seconds": time.perf_counter() - start}
 
 
-def _load_weights(model: Detector, settings: TrainingSettings, run: TrainingRun) -> str:
+def _load_weights(model: Detector, settings: TrainingSettings, context: TrainingContext) -> str:
     """Load the weights that training starts from; return `FinetuneResult.weights`."""
-    if run.generalist is not None:
-        model.load_state_dict(run.generalist)
+    if context.generalist is not None:
+        model.load_state_dict(context.generalist)
         return "generalist"
     if (path := settings.checkpoint) is None:
         return "scratch"
     report = load_checkpoint(model, path, settings.new_heads)
-    if run.digest not in (None, report.digest):
+    if context.digest not in (None, report.digest):
         raise InputError("has changed since the training was planned", place=path)
     origin = f"{path.name} sha256:{report.digest[:12]}"
     if report.reinitialised:

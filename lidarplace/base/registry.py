@@ -77,10 +77,10 @@ class Registry(Mapping[str, T]):
         PLUGINS.setdefault(name.partition(":")[0].partition(".")[0], None)
         return name
 
-    def roots(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Dotted paths of the plug-ins among `names`, whose code decides results."""
+    def modules(self, names: Iterable[str]) -> tuple[str, ...]:
+        """List the modules of the plug-ins among `names`, whose code decides results."""
         paths = (self.path(name) for name in names if name not in self.own)
-        return tuple(path.replace(":", ".") for path in paths if path is not None)
+        return tuple(path.partition(":")[0] for path in paths if path is not None)
 
     def installed(self) -> dict[str, T]:
         """Ours and those of all installed packages; one warning for each that is broken."""

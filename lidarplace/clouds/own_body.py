@@ -14,7 +14,7 @@ from lidarplace.clouds.shapes import BODY, Parts, between, bricks, own_body
 from lidarplace.mounting.limits import Limits, MountedSensors, check
 from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.trailer import FACES, BendingVehicle
-from lidarplace.mounting.vehicle import Vehicle, body_of
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 
 _SEDAN = own_body()
@@ -41,7 +41,7 @@ def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
     for inside in check(MountedSensors(rig.mounts, rig.lidars), Limits(body=body), body):
         (number,) = inside.lidars
         what = "body, which the key vehicle describes"
-        if isinstance(body_of(body), BendingVehicle):
+        if isinstance(body.body, BendingVehicle):
             what = "body, or on or in the way of its trailer; expected a place on the tractor"
         place = point(*rig.mounts[number].position)
         wrong = f"LiDAR {number + 1} at {place} is inside the vehicle's {what}"

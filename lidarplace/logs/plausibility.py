@@ -55,7 +55,7 @@ class ImplausibleValue(NamedTuple):
 
 
 def cautions_of(errors: Iterable[tuple[ImplausibleValue, InputError]]) -> list[str]:
-    """Return the errors as cautions, the first of each check. Raises the first certain one."""
+    """Return the errors as cautions, the first of each check; raise the first certain one."""
     cautions: dict[str, str] = {}
     for value, error in errors:
         if value.certain:

@@ -13,7 +13,7 @@ from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.common_view import CommonView, common_view, weakest
 from lidarplace.mounting.facing import facing_pairs
 from lidarplace.mounting.housing import housings_of, without
-from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body, poses_of
+from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body
 from lidarplace.mounting.zone import Zone, distance
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.lidar import Lidar
@@ -171,8 +171,7 @@ def _common_view(rig: MountedSensors, limits: Limits, vehicle: Vehicle) -> Measu
     placement, requested = rig.placement, limits.common_view
     if placement is not None and requested is not None:
         views = (
-            common_view(placement, pose, requested, rig.further)
-            for pose in poses_of(vehicle).values()
+            common_view(placement, pose, requested, rig.further) for pose in vehicle.poses.values()
         )
         share, pair = min((weakest(view, requested) for view in views), key=lambda own: own[0])
         yield pair or (), share
@@ -182,7 +181,7 @@ def _facing(rig: MountedSensors, limits: Limits, vehicle: Vehicle) -> Measured:
     """Measure the number of pairs in the pose of the vehicle that leaves most in sight."""
     placement = rig.placement
     if placement is not None:
-        pairs = max((facing_pairs(placement, p) for p in poses_of(vehicle).values()), key=len)
+        pairs = max((facing_pairs(placement, p) for p in vehicle.poses.values()), key=len)
         yield from ((pair, float(len(pairs))) for pair in pairs)
 
 

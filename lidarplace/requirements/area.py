@@ -11,7 +11,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Interval
 from lidarplace.mounting.mesh import depths, distances
 from lidarplace.mounting.slices import meets_slices, slices_of
-from lidarplace.mounting.vehicle import Vehicle, body_of
+from lidarplace.mounting.vehicle import Vehicle
 
 _HAIR = 1e-9  # limits belong to an area, whatever rounding makes of them
 
@@ -37,7 +37,7 @@ class Area:
         if self.y:
             y = (min(self.y)[0], max(high for _, high in self.y))
         if self.distance is not None:
-            extents = body_of(vehicle).extents
+            extents = vehicle.body.extents
             if not len(extents):
                 raise InputError(key="where.distance", expected="a vehicle with a body")
             low, high = extents[:, 0].min(axis=0), extents[:, 1].max(axis=0)
@@ -61,7 +61,7 @@ class Area:
         if self.y:
             held &= np.any([_within(y, interval) for interval in self.y], axis=0)
         if self.distance is not None:
-            held &= _within(distance_from(body_of(vehicle), x, y), self.distance)
+            held &= _within(distance_from(vehicle.body, x, y), self.distance)
         if self.sectors:
             azimuth = np.degrees(np.arctan2(y, x))
             ends = [(low - _HAIR, high + _HAIR) for low, high in self.sectors]

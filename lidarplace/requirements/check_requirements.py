@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.common_view import CommonView, common_view, weakest
 from lidarplace.mounting.near_field import seen_in_columns
-from lidarplace.mounting.vehicle import Vehicle, poses_of
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Positions
 from lidarplace.requirements.cameras_and_radars import seen_by_each
 from lidarplace.requirements.layout import RequirementLayout
@@ -99,14 +99,14 @@ def check_requirements(
 
     @cache
     def sights_once(rig: Placement, pose: str) -> list[Sight]:
-        return sights_of(rig, poses_of(vehicle)[pose])
+        return sights_of(rig, vehicle.poses[pose])
 
     outcomes = []
     for own in laid:
         wanted, findings = own.requirement, []
         least = np.full(int(own.positions.held.sum()), np.inf)
         variants = wanted.also_when.variants(placement).items()
-        for (pose, body), (case, rig) in itertools.product(poses_of(vehicle).items(), variants):
+        for (pose, body), (case, rig) in itertools.product(vehicle.poses.items(), variants):
             around = replace(own, boxes=own.boxes_in(pose))
             kinds, names = _counting(wanted, rig, further)
             also = wanted.also_when if case == AS_BUILT else AlsoWhen()

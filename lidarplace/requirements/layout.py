@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
-from lidarplace.mounting.vehicle import Vehicle, poses_of, voxels_in_body
+from lidarplace.mounting.vehicle import Vehicle, voxels_in_body
 from lidarplace.requirements.area import Positions, grid_over, in_the_way
 from lidarplace.requirements.requirement import PlacedObject, Requirement
 
@@ -58,7 +58,7 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
     held = positions.held.copy()
     held[held] = free
     boxes = boxes[:, free]
-    poses = {label: pose for label, pose in poses_of(vehicle).items() if label}
+    poses = {label: pose for label, pose in vehicle.poses.items() if label}
     bent = {label: _outside(pose, boxes, placed, points[free]) for label, pose in poses.items()}
     return RequirementLayout(requirement, replace(positions, held=held), boxes, None, bent)
 

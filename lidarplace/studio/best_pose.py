@@ -9,7 +9,6 @@ import numpy as np
 from scipy.stats import qmc
 
 from lidarplace.mounting.limits import MICROMETRE, Limits, MountedSensors, check
-from lidarplace.mounting.vehicle import body_of
 from lidarplace.mounting.zone import Zone, distance, position
 from lidarplace.recall.choice import RecallChoice
 from lidarplace.rigs.lidar import Lidar
@@ -124,7 +123,7 @@ def _nearest(zones: Sequence[Zone], mount: Mount) -> Zone:
 
 def _above(file: RigsFile) -> Zone:
     """On and above the middle of the body."""
-    extents = body_of(file.vehicle).extents
+    extents = file.vehicle.body.extents
     low = extents[:, 0].min(axis=0, initial=0.0).tolist()
     high = extents[:, 1].max(axis=0, initial=0.0).tolist()
     return Zone.box("above", (low[0], high[0]), (low[1], high[1]), (high[2], high[2] + AROUND_M))

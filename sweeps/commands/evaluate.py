@@ -61,7 +61,7 @@ def evaluate(
 
     Reads KITTI's result files, nuScenes' JSON, Argoverse 2's feather, Waymo's and plain Parquet.
     Two rigs or more become a run folder with a decision page, a failure page and a report."""
-    from sweeps.evaluation.asked import asked_for
+    from sweeps.evaluation.request import asked_for
     from sweeps.evaluation.run_folder import check_free, evaluate_rigs, results_of, write_evaluation
     from tracking.findings.groups import ONE_FOR_ALL
     from tracking.findings.summary import seed_means

@@ -51,7 +51,7 @@ def failures(
     configuration of the sweep in RUN and its results in the store."""
     from lidarplace.files.atomic import replacing
     from lidarplace.files.tables import write_csv
-    from tracking.pages.page import FOLDER, write_csv_files
+    from tracking.pages.html_page import FOLDER, write_csv_files
     from tracking.report.failures import write_failures
     from tracking.report.sections.failures import FILE, counted_failures
     from tracking.run_folders.sweep import RunFolder

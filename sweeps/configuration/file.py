@@ -97,9 +97,19 @@ def public_yaml(config: Mapping[str, Any]) -> str:
     return yaml.safe_dump(hide_secrets_in(dict(config)), sort_keys=False)
 
 
-def read_named(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> dict[str, Any]:
-    """`read_yaml`, with the name of the file where it has none. Raises ConfigError."""
+def read_named(
+    path: Path,
+    overrides: Sequence[str],
+    model: type[BaseModel],
+    changes: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Read a configuration as `read_yaml`, whose name is that of the file where it has none.
+
+    `changes`: key path -> plain data, set after `overrides`. Raises ConfigError."""
     raw = read_yaml(path, overrides, model)
+    with at(path, ConfigError):
+        for key, value in (changes or {}).items():
+            put(raw, key, value)
     if "name" not in raw and not re.fullmatch(NAME, path.stem):
         other = re.sub(r"[^\w.-]+", "_", path.stem).lstrip(".-") or "mine"
         problem, expected = "the default is that of the file", "letters, digits and _.- alone"
@@ -143,10 +153,13 @@ def _override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel]
 
 
 def put(data: dict[str, Any], key_path: str, value: Any) -> None:
-    """Set the value at a dotted key path, in copies of the mappings on the way."""
+    """Set the value at a dotted key path, in copies of the mappings or settings on the way."""
     *parents, last = key_path.split(".")
     for key in parents:
         inner = data.get(key, {})
+        if isinstance(inner, BaseModel):
+            fields = type(inner).model_fields
+            inner = {fields[k].alias or k: getattr(inner, k) for k in inner.model_fields_set}
         if not isinstance(inner, dict):
             raise InputError(f"{key} is {inner!r}, not a mapping of keys", key=key_path)
         data[key] = data = dict(inner)

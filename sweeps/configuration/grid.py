@@ -18,7 +18,7 @@ from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
-from lidarplace.configuration.settings import found, shortened
+from lidarplace.configuration.settings import excerpt, shortened
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.recorded import LogScene
@@ -73,10 +73,13 @@ class Sweep:
     path: Path
 
 
-def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
+def read_sweep(
+    path: Path, overrides: Sequence[str] = (), changes: Mapping[str, Any] | None = None
+) -> Sweep:
     """Read `path`, apply `KEY=VALUE` overrides (values are YAML), check all and build the grid.
-    Raises ConfigError."""
-    raw = read_named(path, overrides, SweepFile)
+
+    `changes`: key path -> plain data, set after `overrides`. Raises ConfigError."""
+    raw = read_named(path, overrides, SweepFile, changes)
     with at(path, ConfigError), plugin_folder(path.parent):
         sweep = build_sweep(raw, path)
         _check_mounts(sweep)
@@ -241,17 +244,17 @@ def _effort(training: TrainingSettings) -> float:
 def _axes(raw: Mapping[str, Any]) -> dict[str, list[Any]]:
     grid = raw.get("grid") or {}
     if not isinstance(grid, dict):
-        raise InputError(key="grid", expected="a mapping of key paths", found=found(grid))
+        raise InputError(key="grid", expected="a mapping of key paths", found=excerpt(grid))
     for axis, values in grid.items():
         key = f"grid.{shortened(str(axis))}"
         if str(axis).partition(".")[0] not in Point.model_fields:
             raise unknown_key(str(axis), Point, key)
         if not isinstance(values, list) or not values:
-            raise InputError(key=key, expected="a list of at least 1 value", found=found(values))
+            raise InputError(key=key, expected="a list of at least 1 value", found=excerpt(values))
         seen = set()
         for value in values:
             if _key(value) in seen:
-                raise InputError(f"duplicate value {found(value)}", key=key)
+                raise InputError(f"duplicate value {excerpt(value)}", key=key)
             seen.add(_key(value))
     refuse_overlaps(grid, "grid")
     names = [
@@ -259,7 +262,7 @@ def _axes(raw: Mapping[str, Any]) -> dict[str, list[Any]]:
     ]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"duplicate name {found(name)} of commands", key="grid.evaluator")
+            raise InputError(f"duplicate name {excerpt(name)} of commands", key="grid.evaluator")
     points = math.prod(len(values) for values in grid.values())
     if points > MOST_POINTS:
         expected = f"at most {MOST_POINTS:,} points"
@@ -277,13 +280,13 @@ def _key(value: Any) -> Any:
 def _exclusions(rules: Any, grid: Mapping[str, list[Any]]) -> list[dict[str, set[Any]]]:
     """For every rule the excluded values of its axes, as `_key` has them."""
     if not isinstance(rules, list):
-        raise InputError(key="exclude", expected="a list of mappings", found=found(rules))
+        raise InputError(key="exclude", expected="a list of mappings", found=excerpt(rules))
     known = {axis: {_key(value) for value in values} for axis, values in grid.items()}
     checked = []
     for i, rule in enumerate(rules):
         if not isinstance(rule, dict) or not rule:
             expected = "a mapping of axes to values"
-            raise InputError(key=f"exclude[{i}]", expected=expected, found=found(rule))
+            raise InputError(key=f"exclude[{i}]", expected=expected, found=excerpt(rule))
         lists = {key: v if isinstance(v, list) else [v] for key, v in rule.items()}
         for key, values in lists.items():
             where = f"exclude[{i}].{shortened(str(key))}"
@@ -292,7 +295,7 @@ def _exclusions(rules: Any, grid: Mapping[str, list[Any]]) -> list[dict[str, set
                 raise InputError("no axis of the grid", key=where, expected=expected)
             for value in values:
                 if _key(value) not in known[key]:
-                    expected = f"one of {found(grid[key])}"
-                    raise InputError(key=where, expected=expected, found=found(value))
+                    expected = f"one of {excerpt(grid[key])}"
+                    raise InputError(key=where, expected=expected, found=excerpt(value))
         checked.append({key: set(map(_key, values)) for key, values in lists.items()})
     return checked

@@ -167,7 +167,7 @@ class ObjectiveSettings(Settings):
         of_classes = self.by in (*SURROGATES, *RANKING)
         if self.weights is not None and not (of_classes and self.weights):
             raise InputError(f"{self.by} has no classes", key="weights")
-        if self.judged and not self.measured:
+        if self.uses_generalist and not self.measured:
             problem = f"{self.by} is not measured by a detector"
             raise InputError(problem, expected=", ".join(RANKING))
         if self.also and not (self.measured and all(part.measured for part in self.parts)):
@@ -179,7 +179,7 @@ class ObjectiveSettings(Settings):
     @property
     def name(self) -> str:
         """Such as `expected_ig.Car`, or `expected_ig` for a sum over classes."""
-        by = f"{self.evaluator}.{self.by}" if self.judged else str(self.by)
+        by = f"{self.evaluator}.{self.by}" if self.uses_generalist else str(self.by)
         if self.weights is not None and len(self.weights) == 1:
             by = f"{by}.{next(iter(self.weights))}"
         return " and ".join((by, *self.also))
@@ -210,7 +210,7 @@ class ObjectiveSettings(Settings):
         return self.by in RANKING
 
     @property
-    def judged(self) -> bool:
+    def uses_generalist(self) -> bool:
         """Whether a generalist measures it."""
         return self.evaluator is not None
 
@@ -400,7 +400,7 @@ class SearchSettings(Settings):
         measured = [objective for objective in self.objective if objective.measured]
         if measured and any(o.of_traffic for o in self.objective):
             raise InputError("measured values and surrogates cannot be combined", key="objective")
-        for name in (o.name for o in measured if not o.judged):
+        for name in (o.name for o in measured if not o.uses_generalist):
             expected = f"generalist.{name} or pretrained.{name}"
             raise InputError(key="objective", expected=expected, found=name)
         if measured:
@@ -433,7 +433,7 @@ class SearchSettings(Settings):
 
     @property
     def first_families(self) -> int:
-        default = FAMILIES if self.objective[0].judged else 0
+        default = FAMILIES if self.objective[0].uses_generalist else 0
         return default if self.families is None else self.families
 
     @property
@@ -507,7 +507,7 @@ class SearchSettings(Settings):
         own = self.constraints.model_dump().items()
         limits = [k for k, v in own if v is not None and (k, v) != ("distance", 0)]
         # A generalist does not evaluate what breaks a constraint, and CMA-ES draws another.
-        if limits and not self.objective[0].judged:
+        if limits and not self.objective[0].uses_generalist:
             problem = f"cmaes ignores constraints ({', '.join(limits)})"
             fix = "use tpe, gp, nsga2 or nsga3, or remove them (constraints.distance: 0)"
             raise InputError(problem, key="sampler", fix=fix)

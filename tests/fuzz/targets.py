@@ -122,15 +122,15 @@ def _correction(world: Path) -> object:
 
 def _network(world: Path) -> object:
     """The plan of a sweep whose network is in its folder, as a new process reads it."""
+    from lidarplace.base.code_version import code_version
     from lidarplace.base.plugin_folders import PLUGINS
     from sweeps.plan.plan import read_plan
-    from sweeps.tasks import code_version
     from training import NETWORKS
     from training.detectors.build import PLUG_INS
 
     for known in (PLUGINS, NETWORKS._added, PLUG_INS._added):
         known.clear()
-    for cached in (code_version.code_version, code_version._code, importlib.invalidate_caches):
+    for cached in (code_version, importlib.invalidate_caches):
         getattr(cached, "cache_clear", cached)()
     sys.modules.pop("fuzz_net", None)
     return read_plan(world / "own.yaml", [])

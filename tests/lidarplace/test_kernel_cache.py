@@ -6,7 +6,8 @@ import sys
 import numba
 import pytest
 
-from lidarplace.base.kernel_cache import _source, _version, njit
+from lidarplace.base.code_version import code_version
+from lidarplace.base.kernel_cache import njit
 
 FILES = {
     "__init__": "",
@@ -57,8 +58,7 @@ def run(tmp_path, monkeypatch):
             (package / f"{name}.py").write_text(source, encoding="utf-8")
         for name in [name for name in sys.modules if name.partition(".")[0] == "toy"]:
             del sys.modules[name]
-        _version.cache_clear()
-        _source.cache_clear()
+        code_version.cache_clear()
         outer = importlib.import_module("toy.outer").outer
         return outer(3.0), sum(outer.stats.cache_hits.values())
 

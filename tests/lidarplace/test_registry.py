@@ -1,25 +1,25 @@
 """Names from outside: installed, in a folder, broken, provided twice, unknown."""
 
 import sys
-from dataclasses import dataclass
 from typing import Annotated
 from unittest.mock import patch
 
 import pytest
 from pydantic import BaseModel, ValidationError
 
+from lidarplace.base.code_version import code_version
 from lidarplace.base.plugin_folders import PLUGINS
 from lidarplace.base.registry import OneOf, PluginError, Registry, _entry_points
 from sweeps.execution.ray_cluster import _cluster_environment, _plug_ins, _python_path
-from sweeps.tasks import code_version
-from sweeps.tasks.task import Task, code_of
+from sweeps.stages.evaluate import MeasureStage
+from sweeps.stages.recall import RecallStage
 
 
 @pytest.fixture
 def site(tmp_path, monkeypatch):
     """A folder on the path, in which `install` puts distributions of one module."""
     monkeypatch.syspath_prepend(tmp_path)
-    caches = (_entry_points, code_version.code_version, code_version._code)
+    caches = (_entry_points, code_version)
     for kept in caches:
         kept.cache_clear()
     with patch.dict(PLUGINS, clear=True):
@@ -49,7 +49,7 @@ def test_installed_names_and_modules(site):
     assert list(things) == ["ours"]
     assert set(things.installed()) == {"ours", "first"}
     assert things["first"] is things["plug_a:one"]
-    assert things.roots(["ours", "first"]) == ("plug_a.one",)
+    assert things.modules(["ours", "first"]) == ("plug_a",)
     assert "second" not in things
     assert things.get("second") is None
 
@@ -108,9 +108,10 @@ def test_settings_look_names_up_when_they_are_read(site):
 
 def test_keys_follow_the_code_of_a_plug_in(site):
     def keys():
-        code_version.code_version.cache_clear()
-        code_version._code.cache_clear()
-        return code_of("surrogates"), code_of("surrogates", None, None, ("plug_a.one",))
+        code_version.cache_clear()
+        return code_version("lidarplace.base.errors"), code_version(
+            "lidarplace.base.errors", "plug_a"
+        )
 
     text = "import plug_b\ndef one(): return two()\ndef two(): return {}\n"
     install(site, "plug_a", [], text.format(2))
@@ -125,21 +126,11 @@ def test_keys_follow_the_code_of_a_plug_in(site):
     assert after[1] != with_it
 
 
-@dataclass(frozen=True)
-class Params:
-    names: tuple[str, ...] = ()
-    metrics: tuple[str, ...] = ()
-
-
-@pytest.mark.parametrize("field", ["names", "metrics"])
-def test_the_key_of_a_task_follows_surrogates_and_metrics_of_plug_ins(site, field):
-    def key(text):
-        (site / "plug_a.py").write_text(text)
-        code_version.code_version.cache_clear()
-        code_version._code.cache_clear()
-        return Task("surrogates", "any", Params(**{field: ("plug_a:ONE",)})).key
-
-    assert key("ONE = 1\n") != key("ONE = 2\n")
+@pytest.mark.parametrize(("stage", "field"), [(RecallStage, "names"), (MeasureStage, "metrics")])
+def test_a_stage_runs_the_code_of_surrogates_and_metrics_of_plug_ins(site, stage, field):
+    own = object.__new__(stage)
+    object.__setattr__(own, field, ("plug_a:ONE",))
+    assert own.modules() == (stage.__module__, "plug_a")
 
 
 def test_workers_get_packages_and_metadata(site):

@@ -177,7 +177,7 @@ def test_a_generalist_is_judged_on_the_test_frames(tmp_path, two_rigs, monkeypat
     torch.manual_seed(0)
     classes = ("Car", "Cyclist", "Pedestrian")
     rig = rigs.trials(["detector=pointpillars_tiny"])["line"]
-    crop = rig.evaluate.params.point_range
+    crop = rig.evaluate.stage.point_range
     model = build_detector("pointpillars_tiny", classes, point_range=crop)
     write_checkpoint(tmp_path / "g.pt", model.state_dict(), "pointpillars_tiny", classes)
     log = rigs.log_of("test")
@@ -186,7 +186,7 @@ def test_a_generalist_is_judged_on_the_test_frames(tmp_path, two_rigs, monkeypat
     monkeypatch.setattr(predictors, "log_of", lambda split: log)
     of_rig, found = predictors.resolved(str(tmp_path / "g.pt"))
     assert {*of_rig(found["line"])} == {*METRICS}
-    errors = found["line"].evaluate.inputs[1].params.errors
+    errors = found["line"].evaluate.inputs[1].stage.errors
     assert (errors.offset, errors.angle) == (0.01, pytest.approx(np.radians(0.5)))
 
 

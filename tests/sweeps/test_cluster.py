@@ -19,7 +19,7 @@ import psutil
 import pytest
 from small_log import SMALL, write_sweep
 
-from sweeps import PACKAGES
+from lidarplace.base.code_version import PACKAGES
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.ray_cluster import (
     ClusterError,

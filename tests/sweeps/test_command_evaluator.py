@@ -20,9 +20,8 @@ from sweeps.command_line import app
 from sweeps.commands.doctor import scenes
 from sweeps.configuration.evaluator import EvaluatorCommand
 from sweeps.plan.plan import read_plan
+from sweeps.stages.command import CommandFailed, CommandStage
 from sweeps.store.open import store_of
-from sweeps.tasks.command import CommandFailed, detected_by
-from sweeps.tasks.parameters import CommandParams
 from tests.forked import Forked
 from tests.mlflow_database import write_database
 from tests.sweeps.toy import call
@@ -112,7 +111,7 @@ def test_ap_is_that_of_the_same_boxes(here):
 
 def keys(path: Path, *overrides: str) -> list[str]:
     _, plan = read_plan(path, overrides)
-    return [task.key for task in plan.tasks if task.stage == "command"]
+    return [task.key for task in plan.tasks if task.stage.name == "command"]
 
 
 def test_what_decides_a_result(here):
@@ -136,13 +135,13 @@ def test_seeds_are_of_a_command_that_names_them(here):
     assert len(keys(write_evaluated(here, seeded, grid={"seed": [1, 2]}))) == 2
 
 
-def params(folder: Path, code: str, **changes: object) -> CommandParams:
+def stage_of(folder: Path, code: str, **changes: object) -> CommandStage:
     (folder / "own.py").write_text(code)
     command = f"{sys.executable} own.py {{clouds}} {{detections}}"
     how = {"command": command, "format": "parquet", "folder": folder, "time_limit": 20.0}
     evaluator = EvaluatorCommand.model_validate(how | changes)
     log = folder / "commands/a.log"
-    return CommandParams(evaluator, (), ("Car",), rig=None, seed=None, log=log)
+    return CommandStage(evaluator, (), ("Car",), rig=None, seed=None, log=log)
 
 
 @pytest.fixture
@@ -185,7 +184,7 @@ table.to_parquet(sys.argv[2] + "/found.parquet")
 )
 def test_what_is_wrong_is_one_line(code, line, given, tmp_path):
     with pytest.raises(CommandFailed, match=rf"^evaluator.command: .*{line}") as error:
-        detected_by(params(tmp_path, code), *given)
+        stage_of(tmp_path, code).detect(*given)
     assert "\n" not in str(error.value)
     assert [path.name for path in (tmp_path / "commands").iterdir()] == ["a.log"]
 
@@ -201,8 +200,8 @@ def test_a_wrong_convention_fails_unless_accepted_and_a_percentage_is_a_caution(
         r"0.00, of 12 objects in 1 frames; .*, or accept the values: evaluator.accept: \[place\]; "
     )
     with pytest.raises(CommandFailed, match=told):
-        detected_by(params(tmp_path, code), frames, objects, clouds)
-    found = detected_by(params(tmp_path, code, accept=["place"]), frames, objects, clouds)
+        stage_of(tmp_path, code).detect(frames, objects, clouds)
+    found = stage_of(tmp_path, code, accept=["place"]).detect(frames, objects, clouds)
     assert len(found.detections) == 12
     assert [text.partition(";")[0] for text in found.cautions] == [
         "a: column score: scores are from 50 to 50, as percent are"
@@ -210,15 +209,15 @@ def test_a_wrong_convention_fails_unless_accepted_and_a_percentage_is_a_caution(
 
 
 def test_no_such_program(given, tmp_path):
-    own = params(tmp_path, "", command="no-such-program {clouds} {detections}")
+    own = stage_of(tmp_path, "", command="no-such-program {clouds} {detections}")
     with pytest.raises(CommandFailed, match="no-such-program: No such file or directory"):
-        detected_by(own, *given)
+        own.detect(*given)
 
 
 def test_the_time_limit_ends_the_whole_group(given, tmp_path):
     mark = f"left-{os.getpid()}"
     with pytest.raises(CommandFailed, match="killed after the time limit of 1 s"):
-        detected_by(params(tmp_path, hanging(mark), time_limit=1.0), *given)
+        stage_of(tmp_path, hanging(mark), time_limit=1.0).detect(*given)
     assert_gone(mark)
 
 
@@ -305,4 +304,4 @@ def test_a_command_after_a_generalist(here):
     path = write_evaluated(here, {}, grid=grid, promote=[rung])
     _, plan = read_plan(path)
     assert [trial.label for trial in plan.trials][-1] == "center · toy · seed 0 · evaluator=toy"
-    assert [task.stage for task in plan.tasks].count("command") == 2
+    assert [task.stage.name for task in plan.tasks].count("command") == 2

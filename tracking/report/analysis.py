@@ -1,7 +1,5 @@
 """Statistics of a run folder that its pages share, each computed once."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -10,7 +10,7 @@ from lidarplace.base.registry import Registry
 from tracking.findings.groups import pictured
 from tracking.findings.individuals import count_individuals
 from tracking.labels import some
-from tracking.pages import page as pages
+from tracking.pages import html_page as pages
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis as Analysis
 from tracking.report.cautions import cautions
@@ -62,7 +62,7 @@ def write_report(analysis: Analysis, frames: FailureFrames | None) -> Path:
     """Write the pages of an analysis into its run folder, and return the path of the report.
 
     `report.html` and, with results, `decision.html` and `failures.html` are one file each that
-    loads nothing from a network, see `tracking.pages.page`. `report.md` and `tables/` hold the
+    loads nothing from a network, see `tracking.pages.html_page`. `report.md` and `tables/` hold the
     tables of the report, rounded and raw. `frames` are those of `Analysis.pair`; frames of other
     rigs, which an older run folder may have, are not shown.
     """
@@ -71,7 +71,9 @@ def write_report(analysis: Analysis, frames: FailureFrames | None) -> Path:
     sections = list(by_name.values())
     for section in sections:
         section.tables = [table.without_dashes() for table in section.tables]
-    statements = [s for own in analysis.recommended for s in own.statements.values()]
+    statements = [
+        s for recommended in analysis.recommended for s in recommended.statements.values()
+    ]
     statements = statements or [
         statement for group in analysis.groups for statement in surrogate_statements(run, group)
     ]

@@ -56,7 +56,7 @@ def statements(
     """
     by_class = {}
     for name, best in ranking.items():
-        weak = tuple(own for own in weaknesses if name in own.classes)
+        weak = tuple(weakness for weakness in weaknesses if name in weakness.classes)
         by_class[name] = Statement(
             title=f"{'Highest mean' if weak else 'Best'} for {class_label(name)}",
             group=group.title if group.varies else "",

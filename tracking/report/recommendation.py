@@ -108,11 +108,14 @@ class Answer:
 
 def answer(run: RunFolder, recommended: Sequence[Recommendation]) -> Answer:
     """Combine the recommendations of one group or more; their deciding classes decide."""
-    deciding, several = [own.statements[own.by] for own in recommended], len(recommended) > 1
+    deciding, several = (
+        [ranked.statements[ranked.by] for ranked in recommended],
+        len(recommended) > 1,
+    )
     every = [
-        own.statements[name]
-        for own in recommended
-        for name in dict.fromkeys((own.by, *own.ranking))
+        ranked.statements[name]
+        for ranked in recommended
+        for name in dict.fromkeys((ranked.by, *ranked.ranking))
     ]
     weak = [weakness for statement in deciding for weakness in statement.weaknesses]
     agreement, common = _agreement(recommended)
@@ -123,9 +126,9 @@ def answer(run: RunFolder, recommended: Sequence[Recommendation]) -> Answer:
         heading = "The settings disagree"
     leads = [
         (f"{statement.group}: {statement.best}. " if several else "")
-        + f"{own.metric}: {statement.lead}."
+        + f"{ranked.metric}: {statement.lead}."
         + (f" {statement.certainty}" if several and not weak else "")
-        for own, statement in zip(recommended, deciding, strict=True)
+        for ranked, statement in zip(recommended, deciding, strict=True)
     ]
     certainty = grade(weak) or ("" if several else deciding[0].certainty)
     first = recommended[0]
@@ -145,13 +148,15 @@ def answer(run: RunFolder, recommended: Sequence[Recommendation]) -> Answer:
 def _agreement(recommended: Sequence[Recommendation]) -> tuple[str, list[str]]:
     """Say whether groups agree, "" for one; and list the placements that are best in all."""
     first = recommended[0].best
-    common = [name for name in first.equal if all(name in own.best.equal for own in recommended)]
+    common = [
+        name for name in first.equal if all(name in ranked.best.equal for ranked in recommended)
+    ]
     if len(recommended) == 1:
         return "", common
     if common:
         return f"{some(common)}: the highest mean in all {len(recommended)} settings.", common
-    tied = [{*own.best.equal, *own.best.tied} for own in recommended]
-    close = [name for name in first.sure.index if all(name in own for own in tied)]
+    tied = [{*ranked.best.equal, *ranked.best.tied} for ranked in recommended]
+    close = [name for name in first.sure.index if all(name in ranked for ranked in tied)]
     could = f"; {some(close)} may each be the best in all" if close else ""
     return f"The settings disagree on the best placement{could}.", common
 

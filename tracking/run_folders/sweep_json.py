@@ -1,4 +1,4 @@
-"""What a sweep writes as `sweep.json`: what was compared, on how much, and how to do it again."""
+"""Result file of a sweep, `sweep.json`: what was compared, on how much, and how to repeat it."""
 
 from typing import Annotated, Any, ClassVar
 
@@ -23,14 +23,14 @@ Pose = Annotated[_Numbers, AfterValidator(_possible)]
 
 
 class Frames(Part):
-    """How many frames there are of each split."""
+    """Number of frames of each split."""
 
     train: Count
     test: Count
 
 
 class Rung(Part):
-    """A step of `promote`, as the configuration has it."""
+    """Step of `promote`, as the configuration has it."""
 
     by: str
     keep: CountFromOne
@@ -40,7 +40,7 @@ class Rung(Part):
 
 
 class LidarModel(Part):
-    """A LiDAR model; angles in degrees."""
+    """LiDAR model; angles in degrees."""
 
     name: str | None = None  # of the catalogue
     price_usd: Annotated[FiniteFloat, Field(gt=0)] | None = None  # what a source asked for one
@@ -50,7 +50,7 @@ class LidarModel(Part):
 
 
 class Anchor(Part):
-    """The size that detectors start from, of a class that has not the preset's; metres."""
+    """Size that detectors start from, of a class that the preset does not define; metres."""
 
     name: str  # of the class
     size: tuple[FiniteFloat, FiniteFloat, FiniteFloat]  # length, width, height
@@ -58,7 +58,7 @@ class Anchor(Part):
 
 
 class SweepResult(ResultFile):
-    """`sweep.json`; lengths in metres, angles in radians. Older ones lack the last keys."""
+    """Content of `sweep.json`; lengths in metres, angles in radians; older ones lack last keys."""
 
     FILE: ClassVar[str] = "sweep.json"
     model_config = ConfigDict(extra="allow")  # the report shows all that the file says
@@ -122,10 +122,10 @@ class SweepResult(ResultFile):
 
     @property
     def body(self) -> Vehicle | None:
-        """The vehicle that pictures show; None for a sedan, and of older files."""
+        """Vehicle that pictures show; None for a sedan, and of older files."""
         return None if self.vehicle is None else drawn_vehicle(self.vehicle, self.vehicle_mesh)
 
     @property
     def rigs(self) -> dict[str, tuple[Mount, ...]]:
-        """The mounts by the placement's name."""
+        """Mounts by the placement's name."""
         return {name: tuple(Mount(*m) for m in mounts) for name, mounts in self.placements.items()}

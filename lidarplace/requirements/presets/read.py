@@ -9,7 +9,7 @@ from pydantic import Field
 
 from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import Length, Settings, Text
-from lidarplace.mounting.vehicle import Vehicle, body_of
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Area
 
 PRESETS = ("fmvss_111", "un_r151", "un_r158", "un_r159", "un_r167")
@@ -57,7 +57,7 @@ def preset_file(name: str) -> PresetFile:
 
 def preset(name: str, vehicle: Vehicle) -> Area:
     """The area of a preset around this vehicle. Raises ValueError: the vehicle has no body."""
-    area, extents = preset_file(name).area, body_of(vehicle).extents
+    area, extents = preset_file(name).area, vehicle.body.extents
     if not len(extents):
         raise InputError(key="where.preset", expected=f"a vehicle with a body, for {name}")
     rear, right, _ = extents[:, 0].min(axis=0).tolist()

@@ -17,8 +17,7 @@ SUFFIXES = {
 
 
 def other_reader(path: Path) -> str:
-    """Name the reader, by the suffix of a file or by what is in a folder; empty if neither shows
-    one."""
+    """Name the reader, by the suffix of a file or by what is in a folder; empty if unknown."""
     if not path.is_dir():
         return SUFFIXES.get(path.suffix.lower(), "")
     for name, patterns in LAYOUTS.items():

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 
 from lidarplace import Lidar, Mount, Placement, Roi
 from lidarplace.mounting.errors import MountingErrors
-from lidarplace.mounting.keep_out import with_keep_outs
 from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.trailer import BendingVehicle
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, with_keep_outs
 from lidarplace.recall.detection_curve import DetectionCurve
 from lidarplace.requirements.area import Area, grid_over, in_the_way
 from lidarplace.requirements.check_requirements import check_requirements

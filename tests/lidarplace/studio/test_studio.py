@@ -281,8 +281,8 @@ def test_evaluations_are_judged_by_the_generalist_of_the_package(tmp_path, scene
     assert studio.evaluation(path, scene) == Path("runs/evaluation")
     _, plan = read_plan(path)
     assert {trial.grid_point.point.placement for trial in plan.trials} == {"roof", "one"}
-    assert {trial.learns.stage for trial in plan.trials} == {"pretrained"}
-    rays = [sum(own.rays for own in t.collect_test[0].params.placement.lidars) for t in plan.trials]
+    assert {trial.learns.stage.name for trial in plan.trials} == {"pretrained"}
+    rays = [sum(own.rays for own in t.collect_test[0].stage.placement.lidars) for t in plan.trials]
     assert 0.5 * MOST_RAYS < max(rays) <= 1.01 * MOST_RAYS
     path.write_text(path.read_text() + "training: {score_threshold: 0.2}\n")
     studio.pose(0, x=0.3)
@@ -298,7 +298,7 @@ def test_evaluations_are_judged_by_the_generalist_of_the_package(tmp_path, scene
     path.write_text("judge: generalist\ngeneralist: {rigs: 5}\n")
     studio.evaluation(path, scene)
     _, plan = read_plan(path)
-    assert {trial.learns.stage for trial in plan.trials} == {"pretrain"}
+    assert {trial.learns.stage.name for trial in plan.trials} == {"pretrain"}
 
 
 def test_what_a_sweep_has_found_is_read_from_its_folder(tmp_path):

@@ -11,7 +11,7 @@ from tracking.figures.kit.side_by_side import side_by_side
 from tracking.findings.summary import for_comparison
 from tracking.kitti_iou import at_headline_iou
 from tracking.labels import percent
-from tracking.pages.page import FOLDER, write_page
+from tracking.pages.html_page import FOLDER, write_page
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis
 from tracking.report.decision.rigs import picture_section, rigs_section
@@ -65,7 +65,7 @@ def write_decision(
             f.name for f in (run.path / FOLDER).glob("*.csv") if _CSV_FILES.match(f.name)
         ),
         dashboard=None if run.sweep.detections else command("dashboard", str(run.path)),
-        next_steps=[{"what": what, "line": line} for what, line in steps],
+        next_steps=[{"what": step, "line": line} for step, line in steps],
     )
 
 

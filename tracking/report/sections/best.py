@@ -1,4 +1,4 @@
-"""The sections that say which placement is best, by how much and how sure."""
+"""Comparison of placements: which is best, by how much and how certain."""
 
 from collections.abc import Iterator, Sequence
 
@@ -21,22 +21,22 @@ MOST_DRAWN = 20
 
 
 def best_section(analysis: Analysis) -> Section | None:
-    """A figure and a table of what decides in the first group; None without results."""
+    """Compare placements by what decides in the first group; None without results."""
     return _section("Which placement is best?", analysis, _ranked(analysis)[:1])
 
 
 def by_class_section(analysis: Analysis) -> Section | None:
-    """The same of the other classes and groups."""
+    """Compare placements in the other classes and groups."""
     title = "Which placement is best for each class and setting?"
     return _section(title, analysis, _ranked(analysis)[1:])
 
 
 def _ranked(analysis: Analysis) -> list[_Ranked]:
-    """All groups and classes, of each group the class that decides first."""
+    """List all groups and classes, of each group the class that decides first."""
     return [
-        (own, name, own.ranking[name])
-        for own in analysis.recommended
-        for name in dict.fromkeys((own.by, *own.ranking))
+        (recommended, name, recommended.ranking[name])
+        for recommended in analysis.recommended
+        for name in dict.fromkeys((recommended.by, *recommended.ranking))
     ]
 
 
@@ -47,8 +47,10 @@ def _section(title: str, analysis: Analysis, ranked: Sequence[_Ranked]) -> Secti
     section = Section(title, [*_notes(ranked), *_seed_effects(ranked)])
     for recommended, name, best in ranked:
         group, label = recommended.group, headline_label(run.results, name)
-        own = at_headline_iou(group.of(analysis.means), run.results, name).set_index("placement")
-        table, title = own.loc[best.sure.index], group.label(class_label(name))
+        of_class = at_headline_iou(group.of(analysis.means), run.results, name).set_index(
+            "placement"
+        )
+        table, title = of_class.loc[best.sure.index], group.label(class_label(name))
         sure = best.sure.head(MOST_DRAWN)
         weak = recommended.statements[name].weaknesses
         odds = [] if weak or sure.isna().any() else sure.map(percent).tolist()
@@ -61,7 +63,7 @@ def _section(title: str, analysis: Analysis, ranked: Sequence[_Ranked]) -> Secti
 
 
 def _notes(ranked: Sequence[_Ranked]) -> Iterator[str]:
-    """What the intervals include."""
+    """Say what the intervals include."""
     more = max(len(best.sure) for *_, best in ranked) - MOST_DRAWN
     drawn = f" The best {MOST_DRAWN} are drawn." if more > 0 else ""
     if any(best.sample for *_, best in ranked):
@@ -87,10 +89,10 @@ def _notes(ranked: Sequence[_Ranked]) -> Iterator[str]:
 
 
 def _seed_effects(ranked: Sequence[_Ranked]) -> Iterator[str]:
-    """How much seeds shift all placements alike, one sentence for all that can say so."""
+    """Say how much seeds shift all placements alike, in one sentence."""
     effects = [
-        f"{own.group.label(class_label(name))} {best.seed_sd:.1f} ({best.sd:.1f})"
-        for own, name, best in ranked
+        f"{recommended.group.label(class_label(name))} {best.seed_sd:.1f} ({best.sd:.1f})"
+        for recommended, name, best in ranked
         if np.isfinite(best.seed_sd)
     ]
     if effects:
@@ -102,7 +104,7 @@ def _seed_effects(ranked: Sequence[_Ranked]) -> Iterator[str]:
 
 
 def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) -> Table:
-    """The best, those not significantly behind it, then the others."""
+    """List the best, those not significantly behind it, then the others."""
     leads = best.others[["lead", "low", "high"]].assign(p=best.p)
     leads = leads.rename(columns={"low": "low_of_lead", "high": "high_of_lead"})
     joined = table[["mean", "sd", "sample_sd", "low", "high", "half", "seeds"]].join(leads)

@@ -1,4 +1,4 @@
-"""The section that compares one detector for all rigs with detectors trained for each."""
+"""Comparison of one detector for all rigs with detectors trained for each."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -33,7 +33,7 @@ _NOTE = (
 
 
 def generalist_section(analysis: Analysis) -> Section | None:
-    """None unless the same placements were judged by a generalist and by detectors of their own."""
+    """Compare both kinds of detectors; None unless both judged the same placements."""
     run = analysis.run
     if not analysis.surrogates["surrogate"].isin(JUDGEMENTS).any():
         return None
@@ -47,7 +47,7 @@ def generalist_section(analysis: Analysis) -> Section | None:
 
 
 def _own(run: RunFolder, rows: pd.DataFrame, row: Mapping[Any, Any]) -> str:
-    """Detector, its evaluator and setting, as far as there are several."""
+    """Name detector, evaluator and setting, as far as there are several."""
     keys = ["detector", *run.axes]
     varying = [key for key in keys if rows[key].nunique(dropna=False) > 1]
     axes = [key for key in varying if key not in ("detector", EVALUATOR)]
@@ -86,8 +86,8 @@ def _seconds(run: RunFolder) -> Table:
 
 
 def _once(tasks: pd.DataFrame | None) -> list[str]:
-    """What the trainings of generalists took, each for all placements."""
-    if tasks is None or not (own := tasks.loc[tasks["stage"] == "pretrain", "seconds"]).size:
+    """Say how long the trainings of generalists took, each for all placements."""
+    if tasks is None or not (seconds := tasks.loc[tasks["stage"] == "pretrain", "seconds"]).size:
         return []
-    many = f"{len(own)} trainings of a generalist" if len(own) > 1 else "one training"
-    return [f"Before its first judgement: {many}, {own.sum():,.0f} s together, without clouds."]
+    many = f"{len(seconds)} trainings of a generalist" if len(seconds) > 1 else "one training"
+    return [f"Before its first judgement: {many}, {seconds.sum():,.0f} s together, without clouds."]

@@ -1,4 +1,4 @@
-"""The sections of all placements: surrogates, AP and recall, and whether surrogates agree."""
+"""Placements of a sweep: surrogates, AP and recall, and whether surrogates agree."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,7 +19,7 @@ from tracking.run_folders.sweep import RunFolder
 
 
 def placements_section(analysis: Analysis) -> Section:
-    """A table for every group and class, and the trials that failed."""
+    """Show a table for every group and class, and the trials that failed."""
     run = analysis.run
     decides = labels.surrogate_name(deciding_surrogate(run.surrogates))
     with_results = (
@@ -49,19 +49,20 @@ def placements_section(analysis: Analysis) -> Section:
 def _placement_table(
     run: RunFolder, group: Group, means: pd.DataFrame, object_class: str
 ) -> Table | None:
-    """Surrogates, AP and recall of every placement for one class, best headline AP first.
+    """Show surrogates, AP and recall of every placement for one class, best headline AP first.
 
     Placements without AP follow in the order of `by_surrogate`; where none has any result, ranks
-    stand behind the surrogates. None if there is neither a result nor a surrogate.
-    """
-    own = group.of(means)
-    own = own[own["class"] == object_class]
+    stand behind the surrogates. None if there is neither a result nor a surrogate."""
+    metric_rows = group.of(means)
+    metric_rows = metric_rows[metric_rows["class"] == object_class]
     surrogates = surrogates_of(run.surrogates, group.setting, object_class)
-    if own.empty and surrogates.empty:
+    if metric_rows.empty and surrogates.empty:
         return None
-    known = {*own["placement"], *surrogates.index}
+    with_values = {*metric_rows["placement"], *surrogates.index}
     in_sequence = dict.fromkeys((*by_surrogate(run.surrogates), *run.placements))
-    table = pd.DataFrame(index=pd.Index([n for n in in_sequence if n in known], name="placement"))
+    table = pd.DataFrame(
+        index=pd.Index([n for n in in_sequence if n in with_values], name="placement")
+    )
     columns = [words("placement")]
     highest: dict[int, str] = {}
     order = ""
@@ -71,10 +72,12 @@ def _placement_table(
         counted = required.fillna(labels.DASH)
         columns.append(Column("requirements met", lambda row: counted[row["placement"]]))
     headline = (headline_metric(object_class), headline_iou(run.results, object_class))
-    metrics = own[["metric", "iou"]].drop_duplicates().sort_values(["metric", "iou"])
+    metrics = metric_rows[["metric", "iou"]].drop_duplicates().sort_values(["metric", "iou"])
     for metric, iou in metrics.itertuples(index=False):
         label = f"{labels.metric_label(metric, iou)} (%)"
-        cells = own[(own["metric"] == metric) & (own["iou"] == iou)].set_index("placement")
+        cells = metric_rows[
+            (metric_rows["metric"] == metric) & (metric_rows["iou"] == iou)
+        ].set_index("placement")
         for key in ("mean", "sd", "low", "high", "seeds"):
             table[f"{label} {key}"] = cells[key].reindex(table.index)
         highest[len(columns)] = f"{label} mean"
@@ -89,7 +92,7 @@ def _placement_table(
     for surrogate in labels.in_order(surrogates.columns):
         label = labels.surrogate_label(surrogate)
         table[label] = surrogates[surrogate].reindex(table.index)
-        alone = own.empty
+        alone = metric_rows.empty
         columns.append(_with_rank(label, table) if alone else numbers(label, label, labels.number))
     if order:
         table = table.sort_values(order, ascending=False, kind="stable")
@@ -108,18 +111,18 @@ def _mean_and_sd(label: str) -> Column:
 
 
 def _with_rank(label: str, table: pd.DataFrame) -> Column:
-    """A number with its rank among those of the table in brackets, 1 the highest."""
+    """Format a number with its rank among those of the table in brackets, 1 the highest."""
     ranks = table[label].rank(ascending=False, method="min")
 
     def cell(row: Mapping[Any, Any]) -> str:
-        rank, shown = ranks[row["placement"]], labels.number(row[label])
-        return shown if np.isnan(rank) else f"{shown} ({rank:.0f})"
+        rank, value = ranks[row["placement"]], labels.number(row[label])
+        return value if np.isnan(rank) else f"{value} ({rank:.0f})"
 
     return Column(label, cell)
 
 
 def agreement_section(analysis: Analysis) -> Section | None:
-    """Rank agreement of the surrogates; None for a sweep that trained a detector."""
+    """Show how surrogates agree on the ranking; None for a sweep that trained a detector."""
     run = analysis.run
     if has_detectors(run):
         return None
@@ -136,13 +139,14 @@ def agreement_section(analysis: Analysis) -> Section | None:
 
 
 def _surrogate_agreement(surrogates: pd.DataFrame, title: str) -> list[Table]:
-    """Surrogates as rows and columns; [] for fewer than 3 placements, or fewer than 2 that vary.
+    """Correlate surrogates; [] for fewer than 3 placements, or fewer than 2 surrogates that vary.
+
     `surrogates` have placements as rows, surrogates as columns (`surrogates_of`)."""
-    own = surrogates[labels.in_order(surrogates.columns)].dropna(axis="columns", how="all")
-    own = own.loc[:, own.nunique() > 1]
-    if len(own) < 3 or own.shape[1] < 2:
+    varying = surrogates[labels.in_order(surrogates.columns)].dropna(axis="columns", how="all")
+    varying = varying.loc[:, varying.nunique() > 1]
+    if len(varying) < 3 or varying.shape[1] < 2:
         return []
-    rho = own.corr("spearman")
+    rho = varying.corr("spearman")
     columns = [words("surrogate", show=labels.surrogate_name)]
     columns += [numbers(labels.surrogate_name(name), name, labels.signed) for name in rho.columns]
     rows = rho.rename_axis("surrogate").rename_axis(columns=None).reset_index()
