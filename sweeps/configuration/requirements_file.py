@@ -150,7 +150,7 @@ def check_rig_fits(
         check_dead_sensors(own, kinds)
         if own.common_view is not None:
             with at(key=f"{own.name!r}: {rig.name!r}"):
-                check_pairs(own.common_view.asked(), len(kinds))
+                check_pairs(own.common_view.view(), len(kinds))
     check_mounts(rig, vehicle)
 
 
