@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
@@ -18,7 +19,9 @@ def chunks(rows: int, pairs: int) -> Iterator[slice]:
 
 
 @njit(cache=True)
-def counting_sort(keys, count):
+def counting_sort(
+    keys: NDArray[np.int64], count: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows in order of their keys, 0 … count - 1, and where the rows of each key begin."""
     starts = np.zeros(count + 1, np.int64)
     for key in keys:
