@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from company_table import traffic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -16,6 +15,7 @@ from lidarplace.scenes.sanity_checks.boxes import (
     implausible_units,
 )
 from lidarplace.scenes.sanity_checks.motion import implausible_motion, implausible_poses
+from tests.lidarplace.company_table import traffic
 
 
 def with_yaw(log, yaw):
