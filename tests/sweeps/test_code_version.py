@@ -270,7 +270,7 @@ def test_comments_figures_converters_and_the_command_line_leave_stages_as_they_a
     ("path", "old", "new", "stages"),
     [
         (
-            *("lidarplace/coverage/cone_kernels.py", "_HAIR = 1e-9", "_HAIR = 1e-8"),
+            *("lidarplace/coverage/cone_sines.py", "HAIR = 1e-9", "HAIR = 1e-8"),
             {"surrogates", "requirements", "accuracy", "sampling_error"},
         ),
         ("lidarplace/clouds/returns.py", "_PER_M = 0.004", "_PER_M = 0.005", {"collect", "judge"}),
