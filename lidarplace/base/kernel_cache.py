@@ -59,7 +59,7 @@ def njit(**options: Any) -> Callable[[Kernel], Kernel]:
 
 inner = njit(error_model="numpy", no_cpython_wrapper=True)
 """For functions that compiled code alone calls: they take a quarter less time to compile."""
-step = njit(error_model="numpy", no_cpython_wrapper=True, forceinline=True)
+inlined = njit(error_model="numpy", no_cpython_wrapper=True, forceinline=True)
 """For steps of one kernel: their code becomes part of its loops."""
 
 

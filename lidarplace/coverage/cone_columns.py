@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit, step
+from lidarplace.base.kernel_cache import inlined, njit
 from lidarplace.coverage.cone_sines import HAIR, sine_range, sines_between
 from lidarplace.coverage.cone_view import side_of_view, view_of
 
@@ -126,7 +126,7 @@ def cover_tiles(sensor, grid, bits):
                     bits[word, i0 + row, j0 + c] = covered[word, row * TILE_Y + c]
 
 
-@step
+@inlined
 def _box_in(tile, first, end):
     """Return the corners of the voxels of a tile from `first` to before `end`, grown by a hair."""
     (row, c, k), grow = first, HAIR * tile.resolution
@@ -136,7 +136,7 @@ def _box_in(tile, first, end):
     return low, high
 
 
-@step
+@inlined
 def _run_bits(low, high, end):
     """Return the bits of a word, of which `end` are in the grid, from one height to another."""
     one, two, top = np.uint64(1), np.uint64(2), end - 1.0
@@ -147,7 +147,7 @@ def _run_bits(low, high, end):
     return run if hit else np.uint64(0)
 
 
-@step
+@inlined
 def _fill_distances(xs, ys, near, far):
     """Fill least and largest distance from the axis over the square of every column of a tile."""
     for row in range(TILE_X):
@@ -160,7 +160,7 @@ def _fill_distances(xs, ys, near, far):
             far[row * TILE_Y + c] = math.sqrt(most_x * most_x + most_y * most_y)
 
 
-@step
+@inlined
 def _add_level_beam(tile, near, far, s, covered):
     """Add the run of every column for a beam of a sensor that is not tilted.
 
@@ -178,7 +178,7 @@ def _add_level_beam(tile, near, far, s, covered):
             bits[c] |= _run_bits(slope * closest[c] - below, slope * farthest[c] - above, end)
 
 
-@step
+@inlined
 def _add_tilted_beam(tile, n, s, heights, covered):
     """Add the run of every column for a beam of a tilted sensor.
 
@@ -197,7 +197,7 @@ def _add_tilted_beam(tile, n, s, heights, covered):
     _widen_at_apex(tile, graph, covered)
 
 
-@step
+@inlined
 def _graph_of(tile, n, s):
     """Return the `_Graph` of a beam."""
     n0, n1, n2 = n
@@ -210,7 +210,7 @@ def _graph_of(tile, n, s):
     return _Graph(n, s, k, s * scale, n2 * scale, tile.bottom / tile.resolution, slack)
 
 
-@step
+@inlined
 def _fill_heights(tile, graph, x, heights):
     """Fill the heights of the cone at the grid points of the line at x."""
     (n0, n1, _), k, ys = graph.n, graph.k, tile.ys
@@ -221,7 +221,7 @@ def _fill_heights(tile, graph, x, heights):
         heights[c] = by_root * math.sqrt(a * a + kxx + k * ys[c] * ys[c]) - by_tilt * a - offset
 
 
-@step
+@inlined
 def _add_between(tile, graph, row, before, after, covered):
     """Add the runs of a row of columns, between the corners of each: heights on its two lines."""
     for word in range(tile.first >> 6, (tile.last >> 6) + 1):
@@ -234,7 +234,7 @@ def _add_between(tile, graph, row, before, after, covered):
             bits[c] |= _run_bits(low - below, high - above, end)
 
 
-@step
+@inlined
 def _widen_at_turns(tile, graph, on_x, covered):
     """Widen the runs of squares with a stationary height on a grid line, x or else y constant.
 
@@ -265,7 +265,7 @@ def _widen_at_turns(tile, graph, on_x, covered):
             _set_run(covered, column, turning, corner, graph.slack, tile.nz)
 
 
-@step
+@inlined
 def _widen_at_apex(tile, graph, covered):
     """Widen the run of the square that the axis meets: down or up to the apex."""
     xs, ys = tile.xs, tile.ys
@@ -276,7 +276,7 @@ def _widen_at_apex(tile, graph, covered):
         _set_run(covered, row * TILE_Y + c, -graph.offset, corner, graph.slack, tile.nz)
 
 
-@step
+@inlined
 def _height(x, y, n0, n1, graph):
     """Return the height of the cone over (x, y)."""
     a = n0 * x + n1 * y
@@ -284,7 +284,7 @@ def _height(x, y, n0, n1, graph):
     return graph.by_root * root - graph.by_tilt * a - graph.offset
 
 
-@step
+@inlined
 def _set_run(covered, column, one_end, other_end, slack, nz):
     """Set the voxels of a column between two heights."""
     low, high = min(one_end, other_end) - slack, max(one_end, other_end) + slack
@@ -294,7 +294,7 @@ def _set_run(covered, column, one_end, other_end, slack, nz):
         covered[k >> 6, column] |= np.uint64(1) << np.uint64(k & 63)
 
 
-@step
+@inlined
 def _add_steep_beams(tile, n, sines, graphs, covered):
     """Test the beams but `sines[graphs[0]:graphs[1]]`, whose cone is no graph, by voxel."""
     for row in range(tile.rows):
@@ -308,7 +308,7 @@ def _add_steep_beams(tile, n, sines, graphs, covered):
                     covered[k >> 6, row * TILE_Y + c] |= np.uint64(1) << np.uint64(k & 63)
 
 
-@step
+@inlined
 def _steep_in(tile, start, end, n, sines, graphs):
     """Return whether voxels hold a sine outside `sines[graphs[0]:graphs[1]]`."""
     first, last = sines_between(sines, *sine_range(*_box_in(tile, start, end), n))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import inner, step
+from lidarplace.base.kernel_cache import inlined, inner
 
 HAIR = 1e-9
 """Share of their edge by which cubes are grown."""
@@ -48,14 +48,14 @@ def lattice_of(sensor, minimum, resolution):
     return Lattice(x, y, z, resolution)
 
 
-@step
+@inlined
 def _corner(lattice, line, grow):
     """Return the point where three grid lines meet, moved by `grow` along each axis."""
     (i, j, k), r = line, lattice.resolution
     return lattice.x + i * r + grow, lattice.y + j * r + grow, lattice.z + k * r + grow
 
 
-@step
+@inlined
 def box_of(lattice, first, end):
     """Return lower and upper corner of the voxels from `first` to before `end`, grown by a hair."""
     grow = HAIR * lattice.resolution

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarplace.base.kernel_cache import inner, step
+from lidarplace.base.kernel_cache import inlined, inner
 from lidarplace.coverage.cone_sines import HAIR, dot, segment_meets, sines_between
 
 
@@ -53,7 +53,7 @@ def _in_view(d, view):
     return (first and last) if view.width <= math.pi else (first or last)
 
 
-@step
+@inlined
 def side_of_view(low, high, view):
     """Return 1 if all of a box is in range and field of view, -1 if nothing is; 0: undecided."""
     (x0, y0, z0), (x1, y1, z1) = low, high
@@ -75,7 +75,7 @@ def side_of_view(low, high, view):
     return 1 if inside and (all_first or all_last) else 0
 
 
-@step
+@inlined
 def _side_of_plane(low, high, normal):
     """Return whether some and whether all of a box is inside of a plane through the sensor."""
     (x0, y0, z0), (x1, y1, z1), (a, b, c) = low, high, normal

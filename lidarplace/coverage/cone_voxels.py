@@ -6,7 +6,7 @@ corners, then by the exact test of `patch_meets`."""
 
 import numpy as np
 
-from lidarplace.base.kernel_cache import inner, njit, step
+from lidarplace.base.kernel_cache import inlined, inner, njit
 from lidarplace.coverage.cone_columns import TILE_X, TILE_Y
 from lidarplace.coverage.cone_sines import HAIR, box_of, lattice_of, sine_range, sines_between
 from lidarplace.coverage.cone_view import (
@@ -68,7 +68,7 @@ def _keep_seen_in(first, end, lattice, sensor, view, bits):
                         bits[run >> 6, i, j] ^= bit
 
 
-@step
+@inlined
 def _is_seen(voxel, lattice, sensor, view):
     """Return whether the seen part of a cone meets a voxel."""
     (i, j, k), r = voxel, lattice.resolution
