@@ -105,7 +105,7 @@ def _visible_share(viewpoint, surfaces, objects, grid, around) -> NDArray[np.flo
             continue
         for p in range(len(parts.facing)):
             owner = surfaces.owner[p]
-            if owner not in (number, PANE - number) and _may_hide(parts.windows[p], window):
+            if owner != number and owner != PANE - number and _may_hide(parts.windows[p], window):
                 _enter(parts, p, rays, True, memory, inverse)
         if around.scene >= 0:
             _stop_at_world(around, (eye[0], eye[1], eye[2]), rays, inverse)
