@@ -232,7 +232,7 @@ def end_of_sweep() -> Call:
     folder = Path(tempfile.mkdtemp())
     settings = {"detector": "pointpillars_tiny", "ray": "debug", "classes": ["Car", "Pedestrian"]}
     surrogate = {"accuracy": False, "resolution": 0.4}
-    command = sweep(folder, 12, surrogate=surrogate, judge="pretrained", **settings)
+    command = sweep(folder, 12, surrogate=surrogate, evaluator="pretrained", **settings)
     run(command)
 
     def call(turn: int) -> float:

@@ -24,7 +24,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import CELL_M, IOU, default_curves
 from lidarplace.recall.surface_cells import ObjectFrames, SurfaceCells, slices_of, surface_cells
 from lidarplace.requirements.area import Area
-from lidarplace.requirements.judge import judge
+from lidarplace.requirements.check_requirements import check_requirements
 from lidarplace.requirements.layout import lay_out
 from lidarplace.requirements.rays_on_objects import count_cells, count_points, sights_of
 from lidarplace.requirements.requirement import STANDARD, AlsoWhen, Requirement
@@ -66,13 +66,13 @@ def requirements() -> list[Requirement]:
 def main() -> None:
     laid = [lay_out(wanted, CAR) for wanted in requirements()]
     rigs = list(PAPER_PLACEMENTS.values())
-    judge(laid, rigs[0], CAR)
+    check_requirements(laid, rigs[0], CAR)
     whole = 0.0
     print(f"{'requirement':14s}{'positions':>11s}{'objects':>9s}{'ms a rig':>10s}")
     for own in laid:
         start = time.process_time()
         for rig in rigs:
-            judge([own], rig, CAR)
+            check_requirements([own], rig, CAR)
         seconds = time.process_time() - start
         whole += seconds
         objects = 0 if own.roi else int((own.boxes[:, :, 0] < float("inf")).sum())

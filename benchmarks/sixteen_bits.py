@@ -22,8 +22,7 @@ import typer
 
 from sweeps.benchmark.rigs import METRICS, log_of, of, trials
 from sweeps.plan.trial import with_detector
-from sweeps.search.trials.by_generalist import judge_task
-from sweeps.tasks import stages
+from sweeps.search.trials.by_generalist import detect_task
 from training.checkpoints import read_checkpoint
 from training.detect import detect
 from training.device import cpu_has_bfloat16
@@ -48,11 +47,11 @@ def main(
         boxes=log.boxes[log.boxes["frame"].isin(frames)],
     )
     judged = with_detector(trials([f"detector={content['detector']}"]).values())[:rigs]
-    truth = stages.ground_truth(judged[0].ground_truths[0].params, log).objects
+    truth = judged[0].ground_truths[0].stage.run(log).objects
     rows, seconds = [], []
     for trial in judged:
-        params = judge_task(trial.evaluate, 0, 1).params
-        clouds = stages._simulated(params.collection, log).kept()
+        params = detect_task(trial.evaluate, 0, 1).stage
+        clouds = params.collection.simulated(log).kept()
         for floats in (False, "everywhere"):
             settings = params.training.model_copy(update={"mixed_precision": floats})
             start = time.process_time()

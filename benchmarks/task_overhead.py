@@ -55,7 +55,7 @@ def plan_of(number: int) -> Plan:
 
 def efficiency(plan: Plan, stage: str, store: Store, backend) -> None:
     """Run one stage and print how well it fills the cores."""
-    own = [task for task in plan.tasks if task.stage == stage]
+    own = [task for task in plan.tasks if task.stage.name == stage]
     # A worker takes seconds to start, and to compile and load its kernels: once a sweep.
     execute(plan.needed_for(own[:8]), store, backend, Loud())
     own = own[8:]

@@ -16,7 +16,6 @@ import yaml
 
 from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import CLASSES, GEOMETRY
-from sweeps.execution.memory import voxel_memory
 from sweeps.execution.worker import run_task
 from sweeps.plan.plan import read_plan
 from sweeps.store.local import Store
@@ -50,18 +49,19 @@ def measure(folder: Path, resolution: float, classes: int, occlusion: bool, stud
     path = folder / "voxels.yaml"
     path.write_text(yaml.safe_dump(config), encoding="utf-8")
     _, plan = read_plan(path)
-    store, voxels = Store(folder / "store"), math.prod(plan.trials[0].pog.params.roi.shape)
+    store, voxels = Store(folder / "store"), math.prod(plan.trials[0].pog.stage.roi.shape)
     before = 0.0
     for task in plan.tasks:
         run_task(task, store)
         peak = store.record(task)["peak_memory"]
-        if task.stage == "scene":
+        if task.stage.name == "scene":
             before = peak
         else:
             print(
-                f"{task.stage:15} {voxels:.3g} voxels, {classes} classes, occlusion {occlusion}: "
+                f"{task.stage.name:15} {voxels:.3g} voxels, {classes} classes, "
+                f"occlusion {occlusion}: "
                 f"{(peak - before) / voxels:4.1f} bytes a voxel, "
-                f"{voxel_memory(task) / voxels:.0f} estimated",
+                f"{task.stage.need().memory / voxels:.0f} estimated",
                 flush=True,
             )
 

@@ -11,7 +11,7 @@ from tracking.run_folders.arrays import ArrayFile, FailureFrames, Frame, Grounds
 from tracking.run_folders.json_file import ResultFile
 from tracking.run_folders.search_json import SearchResult
 from tracking.run_folders.sweep_json import SweepResult
-from tracking.run_folders.table import Table
+from tracking.run_folders.table_schema import TableSchema
 
 PAGE = Path(__file__).with_suffix(".md")
 
@@ -60,7 +60,7 @@ def _of_json(model: type[ResultFile]) -> Iterator[str]:
     )
 
 
-def _of_table(table: Table) -> Iterator[str]:
+def _of_table(table: TableSchema) -> Iterator[str]:
     yield f"### `{table.file}`\n"
     axes = {(): "", ("",): " The axes of the grid are columns too."}
     own = " and".join(", ".join(f"`{head}`" for head in table.axes).rsplit(",", 1))

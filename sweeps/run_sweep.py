@@ -1,6 +1,4 @@
-"""Run a sweep: its tasks, results, MLflow and the report."""
-
-from __future__ import annotations
+"""Run of a sweep: its tasks, results, MLflow and the report."""
 
 import hashlib
 import json
@@ -19,33 +17,33 @@ from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.runner import Say, drive
-from sweeps.mlflow.page import ABOUT, columns, note
+from sweeps.mlflow.experiment import ABOUT, columns, note
 from sweeps.mlflow.trials import TrialLog
-from sweeps.plan.plan import further_axes
 from sweeps.plan.trial import Plan, Trial
+from sweeps.results.failure_frames import write_failure_frames
 from sweeps.results.origin import record_origin
-from sweeps.results.promotion import at_most, promote
+from sweeps.results.promotion import promote
 from sweeps.results.run_folder import Run, write_run
 from sweeps.results.trial_results import trial_failure
+from sweeps.stages.task import Task
 from sweeps.store.cleaning import clean_store
 from sweeps.store.local import Store
 from sweeps.store.open import reference
-from sweeps.tasks.task import Task
 from tracking.findings.evidence import largest_linear_share, ray_counting_caution
 from tracking.findings.summary import summary_table
 from tracking.mlflow.content import ParentRun
+from tracking.mlflow.experiment_page import source_tags
 from tracking.mlflow.log import SweepLog
-from tracking.mlflow.page import source_tags
 from tracking.report.analysis import Analysis
-from tracking.report.build import build_report
+from tracking.report.build import write_report
 from tracking.report.decision.build import FILE as DECISION
-from tracking.run_folders.sweep import RunFolder
 
 
 def run_sweep(
     console: Console, sweep: Sweep, plan: Plan, store: Store, command: str, rerun_failed: bool
 ) -> bool:
-    """Run the plan, log it, report it. Returns whether all trials finished and were logged.
+    """Run the plan, log it, report it; return whether all trials finished and were logged.
+
     `command` makes the sweep again, `rerun_failed` retries failures by data or settings, too.
     Raises as `sweeps.execution.runner.drive`."""
     for typical in plan.typical:
@@ -60,8 +58,8 @@ def run_sweep(
         console.print(f"failed: {trial.label}: {failure.reason}", soft_wrap=True)
     if failed:
         folder = sweep.common.output / sweep.common.name / "failed"
-        said = f"{len(failed)} of {len(plan.trials)} trials failed; see {folder}. "
-        console.print(f"{said}--rerun-failed tries all of them again.")
+        summary = f"{len(failed)} of {len(plan.trials)} trials failed; see {folder}. "
+        console.print(f"{summary}--rerun-failed tries all of them again.")
     if (decision := sweep.common.output / sweep.common.name / DECISION).exists():
         console.print(f"Decision  {decision}", soft_wrap=True)
     return logged and not failed
@@ -69,7 +67,7 @@ def run_sweep(
 
 @dataclass(frozen=True)
 class SweepWork:
-    """The steps of a sweep, started on the clock of `Outcome.times`."""
+    """Steps of a sweep, started on the clock of `Outcome.times`."""
 
     console: Console
     sweep: Sweep
@@ -101,28 +99,23 @@ class SweepWork:
         )
 
     def compute(self, folder: Path, backend: Backend, log: SweepLog, say: Say) -> Run:
-        """Run what is not there and has not failed for good, rung by rung."""
+        """Run tasks without a result that have not failed for good, rung by rung."""
         sweep, plan, store = self.sweep, self.plan, self.store
         store.end_running(plan.tasks)  # what a killed driver left
         cached = store.finished(plan.tasks)
         failures = FailureFolder(folder / "failed")
         try:
-            known = failures.known(self.rerun_failed, cached)
+            lasting_failures = failures.lasting(self.rerun_failed, cached)
         except ValueError as error:
             wrong(error)
         outcome = Outcome()
-        listener = TrialLog(
-            *(self.console, at_most(sweep, plan), store, failures),
-            trials=plan.trials,
-            axes=further_axes(sweep),
-            there=cached,
-            pictures=folder / "pictures",
-        )
+        pictures = folder / "pictures"
+        listener = TrialLog(self.console, sweep, plan, store, failures, cached, pictures)
         with listener:
             log.follow(listener.ended)
 
             def run_tasks(tasks: list[Task]) -> bool:
-                execute(tasks, store, backend, listener, outcome, known)
+                execute(tasks, store, backend, listener, outcome, lasting_failures)
                 return True
 
             promotion = promote(sweep, plan, store, run_tasks)
@@ -133,26 +126,27 @@ class SweepWork:
         return Run(outcome, promotion, cached, cores, self.command, self.started, seconds)
 
     def report(self, folder: Path, run: Run, log: SweepLog) -> Path | None:
-        """Tables; and report, artifacts and summary, if a trial finished."""
-        write_run(folder, self.sweep, self.plan, self.store, run)
+        """Write the tables; and report, artifacts and summary, if a trial finished."""
+        analysis = write_run(folder, self.sweep, self.plan, self.store, run)
+        frames = write_failure_frames(analysis, self.plan, self.store)
         if len(_failed(self.plan, run)) == len(self.plan.trials):
             return None
-        report = build_report(folder)
+        report = write_report(analysis, frames)
         pages = (*sorted(folder.glob("*.html")), report.with_suffix(".md"))
         written = (*pages, folder / "sweep.json", folder / "config.yaml")
         for path in (*written, *sorted(folder.glob("*.parquet"))):
             log.artifact(path)
         for path in sorted((folder / "tables").glob("*.csv")):
             log.artifact(path, "tables")
-        _print_summary(self.console, folder)
+        _print_summary(self.console, analysis)
         return report
 
 
 def _failed(plan: Plan, run: Run) -> list[tuple[Trial, Failure]]:
-    """Trials that failed, and why; without those that were pruned."""
-    known, failures = run.promotion.pruned, run.outcome.failures
-    run_on = (trial for trial in plan.trials if trial.key not in known)
-    return [(own, failure) for own in run_on if (failure := trial_failure(own, failures))]
+    """List trials that failed, and why; without those that were pruned."""
+    pruned, failures = run.promotion.pruned, run.outcome.failures
+    run_on = (trial for trial in plan.trials if trial.key not in pruned)
+    return [(trial, failure) for trial in run_on if (failure := trial_failure(trial, failures))]
 
 
 def keep_to_quota(console: Console, sweep: Sweep, store: Store) -> None:
@@ -175,31 +169,31 @@ def keep_to_quota(console: Console, sweep: Sweep, store: Store) -> None:
 
 
 def sweep_key(sweep: Sweep, plan: Plan) -> str:
-    """Tells a sweep from others of its name: the same while its trials, axes and rungs are."""
+    """Identify a sweep among others of its name, by its trials, axes and rungs."""
     rungs = [rung.model_dump(mode="json") for rung in sweep.common.promote]
     keys = sorted(trial.key for trial in plan.trials)
     content = json.dumps([keys, rungs, sorted(sweep.axes)])
     return hashlib.sha256(content.encode()).hexdigest()[:12]
 
 
-def _print_summary(console: Console, folder: Path) -> None:
-    run = RunFolder.read(folder)
+def _print_summary(console: Console, analysis: Analysis) -> None:
+    run = analysis.complete
     summary = summary_table(run)
     alone = run.results.empty
-    what = "entropies in nats" if alone else "means over seeds, percent"
-    shown = partial(_short, below=".4g" if alone else ".1f")
-    rows = (map(shown, row) for row in summary.itertuples(index=False))
-    title = f"{folder.name}: best placement first, {what}"
+    unit = "entropies in nats" if alone else "means over seeds, percent"
+    cell = partial(_short, form=".4g" if alone else ".1f")
+    rows = (map(cell, row) for row in summary.itertuples(index=False))
+    title = f"{run.path.name}: best placement first, {unit}"
     console.print(table(title, list(summary.columns), rows))
-    for line in Analysis.of(run).headline:
+    for line in analysis.headline:
         console.print(line, soft_wrap=True)
     counted = ray_counting_caution(largest_linear_share(run.surrogates))
     for text in [*counted, *run.sweep.cautions]:
         console.print(f"warning: {text}", style="yellow", soft_wrap=True)
 
 
-def _short(value: object, below: str) -> str:
-    """A number in six places or less: 62.3, -134k, 7.69k; `below` is the format below 1,000."""
+def _short(value: object, form: str) -> str:
+    """Format a number in six places or less: 62.3, -134k, 7.69k; `form` is used below 1,000."""
     if not isinstance(value, float):
         return str(value)
-    return f"{value / 1000:.3g}k" if abs(value) >= 1000 else f"{value:{below}}"
+    return f"{value / 1000:.3g}k" if abs(value) >= 1000 else f"{value:{form}}"

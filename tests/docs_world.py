@@ -54,7 +54,7 @@ GRANTED = {
 
 GENERALIST = SWEEP | {
     "generalist": {"rigs": 2, "rigs_per_frame": 1, "epochs": 1},
-    "grid": {"placement": ["line", "center"], "judge": ["generalist", "specialist"]},
+    "grid": {"placement": ["line", "center"], "evaluator": ["generalist", "specialist"]},
 }
 
 
@@ -122,7 +122,7 @@ def make_world(folder: Path) -> None:
         "lidars: {up_lidar: {mask: {azimuth_deg: 360, shares: [1]}}}"
     )
     trimesh.creation.box((4500, 1500, 1800)).export(folder / "body.stl")  # its y axis is up
-    for name in ("examples/labels", "examples/own_detector", "examples/command_judge"):
+    for name in ("examples/labels", "examples/own_detector", "examples/command_evaluator"):
         shutil.copytree(ROOT / name, folder / name)
     own = {key: GENERALIST[key] for key in GENERALIST if key != "grid"}
     own |= {"detector": "own_detector.nets:build", "grid": {"placement": ["line", "center"]}}

@@ -36,7 +36,7 @@ _OWN = [
         "sweeps.commands.run",
         "sweeps.results.run_folder",
         "sweeps.commands.search",
-        "sweeps.tasks.stages",
+        "sweeps.plan.plan",
     ),
     *("tracking.report.build", "training", "tests.forked_start"),
 ]

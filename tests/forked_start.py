@@ -1,10 +1,7 @@
 """Imported by the process that `tests.forked` forks: the sources behind the keys are read once."""
 
-from lidarplace.base import registry
-from sweeps.tasks.stages import FUNCTIONS
-from sweeps.tasks.task import code_of
+from lidarplace.base.code_version import code_version
+from lidarplace.base.registry import _entry_points
 
-for _stage in FUNCTIONS:
-    code_of(_stage, "pointpillars_tiny")
-    code_of(_stage)
-registry._entry_points.cache_clear()  # a command may have plug-ins
+code_version("sweeps.plan.plan", "training.detectors.pointpillars")
+_entry_points.cache_clear()  # a command may have plug-ins

@@ -44,7 +44,7 @@ NOT_RUN = {
     "python benchmarks/": "takes minutes, and an idle machine",
     "lidarplace run grid.yaml --set training.checkpoint=pv_rcnn_8369.pth": "not at hand",
     "lidarplace cheapest examples/cheapest.yaml": "a minute; see test_cheapest.py",
-    "lidarplace run grid.yaml --set judge=pretrained": "see tests/sweeps/test_pretrained.py",
+    "lidarplace run grid.yaml --set evaluator=pretrained": "see tests/sweeps/test_pretrained.py",
     "lidarplace pretrain studies/pretrained/": "takes hours",
     "lidarplace run sweep.yaml --set training.mixed_precision": "a sweep of one's own",
     "lidarplace search studies/proof/search.yaml": "takes 20 minutes",
@@ -61,7 +61,7 @@ SMALLER = {
     "export": "--roi 0 20 -10 10 0 4",
     "examples/labels/sweep.yaml": "--set ray=debug --set detector=null --set grid.seed=[1] "
     "--set lidar.cloud_share=0.02 --set surrogate.resolution=0.8",
-    "examples/command_judge/sweep.yaml": "--set ray=debug --set lidar.cloud_share=0.05 "
+    "examples/command_evaluator/sweep.yaml": "--set ray=debug --set lidar.cloud_share=0.05 "
     "--set scene.routes=1 --set scene.test_routes=1 --set scene.frames_per_route=4 "
     "--set scene.pedestrians=5 --set scene.warmup_s=5 --set surrogate.resolution=0.8",
     "mine.yaml": "--set ray=debug --set lidar.azimuth_steps=90 --set lidar.beams=4 "
@@ -216,12 +216,12 @@ def check(kind: str, content: dict, path: Path) -> None:
     from lidarplace.scenes.datasets.class_maps import named_class_map
     from lidarplace.scenes.label_tables.mapping import read_mapping
     from sweeps.configuration.grid import read_sweep
-    from sweeps.configuration.question import read_question
+    from sweeps.configuration.requirements_file import read_requirements_check
     from sweeps.search.problem.problem import read_problem
 
     if kind == "requirements":
         path.write_text(yaml.safe_dump(content, sort_keys=False))
-        read_question(path)
+        read_requirements_check(path)
         return
     if kind == "collection":
         Collection.model_validate(content)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sweeps import PACKAGES
+from lidarplace.base.code_version import PACKAGES
 
 ROOT = Path(__file__).parents[1]
 OWN = set(PACKAGES)
@@ -79,7 +79,7 @@ FLOORS = {
     ),
     "sweeps": (
         "configuration",
-        "tasks",
+        "stages",
         "options plan store",
         "execution",
         "calibration results",
@@ -92,7 +92,7 @@ FLOORS = {
         "main",
         "run",
     ),
-    "sweeps.search": ("problem", "greedy trials", "cheapest judgement", "output", "adapt run"),
+    "sweeps.search": ("problem", "greedy trials", "cheapest verification", "output", "adapt run"),
 }
 """Files and folders of a package, each on the floor above all that it imports, ground first.
 

@@ -12,17 +12,17 @@ import torch
 import yaml
 from torch import nn
 
-from lidarplace.base import registry
+from lidarplace.base.code_version import code_version, forget_versions
 from lidarplace.base.errors import InputError
-from sweeps.execution import ray_cluster
+from lidarplace.base.plugin_folders import PLUGINS, plugin_folder
 from sweeps.execution.failures import Failure
-from sweeps.tasks import code_version, task
+from sweeps.execution.ray_cluster import _plug_ins
 from tests.docs_blocks import ROOT
 from tests.extending import install
 from tests.forked import GUARD_S, Forked, run_forked
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import SMALL, write_small_log
-from training import build_detector
+from training import build_detector, code_of_network, network_of
 from training.detectors.contract import as_arrays, checked_losses
 from training.detectors.detector import Detector
 
@@ -33,19 +33,16 @@ RANGE = (0.0, -20.0, 0.0, 40.0, 20.0, 4.0)
 
 
 @pytest.fixture
-def plugins(monkeypatch):
+def plugins():
     """As in a new process: no plug-in was asked for."""
-    plugins = registry.PLUGINS
-    monkeypatch.setattr(sys, "path", list(sys.path))
     known = set(sys.modules)
-    plugins.clear()
-    yield plugins
-    plugins.clear()
+    PLUGINS.clear()
+    yield PLUGINS
+    PLUGINS.clear()
     for name in set(sys.modules) - known:
         if name.partition(".")[0] in ("own_detector", "broken"):
             del sys.modules[name]
-    code_version.code_version.cache_clear()
-    code_version._code.cache_clear()
+    forget_versions()
 
 
 @pytest.fixture
@@ -123,19 +120,17 @@ def test_installed_it_has_a_name(tmp_path):
     assert "heat_head" in done.stdout, done.stderr
 
 
-def test_its_code_reaches_workers_and_keys(plugins, tmp_path, monkeypatch):
+def test_its_code_reaches_workers_and_keys(plugins, tmp_path):
     shutil.copytree(EXAMPLE / "own_detector", tmp_path / "own_detector")
-    monkeypatch.setattr(registry, "FOLDERS", [tmp_path])
-    build_detector(NETWORK, ["Car"])
-    assert ray_cluster._plug_ins() == [str(tmp_path / "own_detector")]
-    assert task.code_of("evaluate", f"{NETWORK}_tiny") == (
-        code := task.code_of("evaluate", NETWORK)
-    )
+    with plugin_folder(tmp_path):
+        build_detector(NETWORK, ["Car"])
+    assert _plug_ins() == [str(tmp_path / "own_detector")]
+    assert network_of(f"{NETWORK}_tiny") == NETWORK
+    code = code_version(*code_of_network(NETWORK))
     text = (tmp_path / "own_detector/nets.py").read_text()
     (tmp_path / "own_detector/nets.py").write_text(text.replace("SPREAD = 1.5", "SPREAD = 1.6"))
-    code_version.code_version.cache_clear()
-    code_version._code.cache_clear()
-    assert task.code_of("evaluate", NETWORK) != code
+    forget_versions()
+    assert code_version(*code_of_network(NETWORK)) != code
 
 
 BROKEN = """

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
+from lidarplace.base.code_version import PACKAGES
 from lidarplace.base.optional import EXTRAS
-from sweeps import PACKAGES
 from sweeps.command_line import VERBS
 
 ROOT = Path(__file__).parents[1]

@@ -58,7 +58,7 @@ def test_the_papers_experiment(monkeypatch, tmp_path):
     monkeypatch.setenv("CARLA_ROOT", str(tmp_path))
     _, plan = read_plan(ROOT / "examples/paper.yaml")
     assert len(plan.trials) == 8 * 3
-    scenes = [task for task in plan.tasks if task.stage == "scene"]
+    scenes = [task for task in plan.tasks if task.stage.name == "scene"]
     assert len(scenes) == 4 * (4 + 1) * 3, "two egos a simulation, in each town, a density"
     train, _ = plan.trials[0].grid_point.point.scene.frame_counts()
     assert train == 4 * 11_200

@@ -1,1 +1,1 @@
-"""What results mean and how they are shown: statistics, figures, reports, MLflow."""
+"""Meaning of results and how they are shown: statistics, figures, reports, MLflow."""

@@ -1,4 +1,4 @@
-"""Opens MLflow on the runs of sweeps: `lidarplace dashboard runs/mlflow.db`."""
+"""Dashboard: MLflow on the runs of sweeps, `lidarplace dashboard runs/mlflow.db`."""
 
 import os
 import sys
@@ -13,7 +13,7 @@ from lidarplace.command_line.port import free_port
 from lidarplace.command_line.verbs import new_app, verb, within, wrong
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from tracking.mlflow.connection import connect, reason
-from tracking.mlflow.page import VIEW_TAG, page_of
+from tracking.mlflow.experiment_page import VIEW_TAG, page_of
 from tracking.mlflow.uri import absolute_uri, is_server, sqlite_file, sqlite_uri
 from tracking.run_folders.json_file import Part, read_result_file
 
@@ -57,7 +57,7 @@ def dashboard(
 def serve(uri: str, port: int) -> NoReturn:
     """Become MLflow's server for a database, on the loopback interface."""
     sys.stdout.flush()
-    own = {
+    settings = {
         # Not as an argument, where every user of the machine could read a password.
         "MLFLOW_BACKEND_STORE_URI": uri,
         "MLFLOW_DISABLE_TELEMETRY": "true",
@@ -67,28 +67,28 @@ def serve(uri: str, port: int) -> NoReturn:
     }
     command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1"]
     command += ["--port", str(port), "--workers", "1"]
-    os.execve(sys.executable, command, os.environ | own)
+    os.execve(sys.executable, command, os.environ | settings)
 
 
 class _About(Part):
-    """What `sweep.json` or `search.json` says of MLflow."""
+    """Keys of `sweep.json` or `search.json` that name MLflow's experiment."""
 
     name: str
     tracking_uri: str
 
 
 def _tracking(where: str) -> tuple[str, str | None]:
-    """MLflow's URI, and the experiment if `where` is the folder of a sweep or a search."""
+    """Find MLflow's URI, and the experiment if `where` is the folder of a sweep or a search."""
     name = None
     if "://" in where:
         uri = absolute_uri(where)
     elif (path := Path(where)).is_dir():
         about = [path / name for name in ("sweep.json", "search.json")]
-        there = [file for file in about if file.is_file()]
-        if not there:
+        written = [file for file in about if file.is_file()]
+        if not written:
             raise InputError("no results: neither sweep.json nor search.json", place=where)
-        known = read_result_file(there[0], _About)
-        uri, name = absolute_uri(known.tracking_uri), known.name
+        result = read_result_file(written[0], _About)
+        uri, name = absolute_uri(result.tracking_uri), result.name
     else:
         uri = absolute_uri(sqlite_uri(path))
     database = sqlite_file(uri)
@@ -99,17 +99,17 @@ def _tracking(where: str) -> tuple[str, str | None]:
 
 
 def _page(client: Any, name: str | None) -> str:
-    """The page of the experiment `name`, or of the one with the latest run."""
+    """Find the page of the experiment `name`, or of the one with the latest run."""
     if name is not None:
         experiment = client.get_experiment_by_name(name)
         if experiment is None:
             raise ValueError(f"MLflow has no experiment {name!r}")
     else:
-        known = {found.experiment_id: found for found in client.search_experiments()}
+        by_id = {experiment.experiment_id: experiment for experiment in client.search_experiments()}
         latest = client.search_runs(
-            list(known), order_by=["attributes.start_time DESC"], max_results=1
+            list(by_id), order_by=["attributes.start_time DESC"], max_results=1
         )
         if not latest:
             return ""
-        experiment = known[latest[0].info.experiment_id]
+        experiment = by_id[latest[0].info.experiment_id]
     return page_of(experiment.experiment_id, VIEW_TAG in experiment.tags)

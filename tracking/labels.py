@@ -13,7 +13,7 @@ DASH = "–"  # in place of a missing number
 
 
 def digits(value: float, form: str) -> str:
-    """A number in a format of Python's, in which `z` keeps zero from having a minus."""
+    """Format a number by Python's rules (`z`: no minus before zero); a dash for NaN."""
     if not np.isfinite(value):
         return DASH
     text = f"{value:{form}}"
@@ -21,7 +21,7 @@ def digits(value: float, form: str) -> str:
 
 
 def number(value: float) -> str:
-    """Five significant digits, thousands separated."""
+    """Format five significant digits, thousands separated."""
     if value == 0 or not np.isfinite(value):
         return digits(value, "z.0f")
     decimals = max(0, 4 - int(np.floor(np.log10(abs(value)))))
@@ -33,28 +33,28 @@ points = partial(digits, form="+z.1f")  # a difference of percentages
 
 
 def span(low: float, high: float, form: str) -> str:
-    """From `low` to `high`; a dash where there is no interval."""
+    """Format a range such as "2.2 to 3.1"; a dash where there is no interval."""
     return f"{digits(low, form)} to {digits(high, form)}" if np.isfinite(low) else DASH
 
 
 def not_significant(low: float, high: float) -> str:
-    """What ends the sentence of a difference whose interval this is, "" where zero is not in it."""
+    """Return the end of a sentence about a difference whose interval includes zero, else ""."""
     return ", not significant" if low <= 0 <= high else ""
 
 
 def interval(low: float, high: float) -> str:
-    """An interval of a coefficient in brackets; one of no width is no statement of precision."""
+    """Format an interval of a coefficient in brackets; no width is no statement of precision."""
     return f"[{signed(low)}, {signed(high)}]" if high - low > 1e-9 else "[no interval]"
 
 
 def plus_minus(mean: float, sd: float) -> str:
-    """Mean and standard deviation, "71.3 ± 0.9"; no ± for a single seed."""
-    shown = digits(mean, "z.1f")
-    return shown if np.isnan(mean) or np.isnan(sd) else f"{shown} ± {sd:.1f}"
+    """Format mean and standard deviation, "71.3 ± 0.9"; no ± for a single seed."""
+    text = digits(mean, "z.1f")
+    return text if np.isnan(mean) or np.isnan(sd) else f"{text} ± {sd:.1f}"
 
 
 def percent(share: float) -> str:
-    """A probability without false certainty."""
+    """Format a probability without false certainty."""
     if np.isnan(share):
         return DASH
     if share > 0.99:
@@ -63,53 +63,53 @@ def percent(share: float) -> str:
 
 
 def surrogate_name(surrogate: str) -> str:
-    """Display name; a surrogate that is not known here keeps its own."""
+    """Return the display name; a surrogate that is not known here keeps its own."""
     return SURROGATES[surrogate].label if surrogate in SURROGATES else surrogate
 
 
 def surrogate_short(surrogate: str) -> str:
-    """Display name where there is little room."""
+    """Return the display name where there is little room."""
     return SURROGATES[surrogate].short or surrogate_name(surrogate)
 
 
 def surrogate_unit(surrogate: str) -> str:
-    """Unit, "" if it is not known here."""
+    """Return the unit, "" if it is not known here."""
     return SURROGATES[surrogate].unit if surrogate in SURROGATES else ""
 
 
 def surrogate_label(surrogate: str) -> str:
-    """Display name and unit, for an axis."""
+    """Return display name and unit, for an axis."""
     name, unit = surrogate_name(surrogate), surrogate_unit(surrogate)
     return f"{name} ({unit})" if unit else name
 
 
 def in_order(surrogates: Iterable[str]) -> list[str]:
-    """Distinct surrogates in the order of display, unknown ones last."""
-    found = list(dict.fromkeys(surrogates))
-    return sorted(found, key=lambda name: [*SURROGATES, *found].index(name))
+    """Sort distinct surrogates in the order of display, unknown ones last."""
+    distinct = list(dict.fromkeys(surrogates))
+    return sorted(distinct, key=lambda name: [*SURROGATES, *distinct].index(name))
 
 
 def some(names: Sequence[str]) -> str:
-    """Five of many names at most, for a sentence."""
+    """List five of many names at most, for a sentence."""
     more = len(names) - 5
     return ", ".join(names[:5]) + (f" and {more} more" if more > 0 else "")
 
 
 def metric_name(metric: str) -> str:
-    """Display name; a metric that is not known here keeps its own."""
+    """Return the display name; a metric that is not known here keeps its own."""
     return METRICS[metric].label if metric in METRICS else metric
 
 
 def metric_label(metric: str, iou: float) -> str:
-    """For example "BEV AP @ 0.7"; of a metric without a single IoU its name alone."""
+    """Name a metric with its IoU, such as "BEV AP @ 0.7"; without it if it has no single IoU."""
     return metric_name(metric) if iou == EVERY_IOU else f"{metric_name(metric)} @ {iou:g}"
 
 
 def setting_label(axes: Iterable[str], row: Mapping[Any, Any]) -> str:
-    """Values of further axes, for example "density = 40, lr = 0.001"; last part of the key path."""
+    """Name values of further axes by the last part of the key path: "density = 40, lr = 0.001"."""
     return ", ".join(f"{axis.rsplit('.', 1)[-1]} = {row[axis]}" for axis in axes)
 
 
 def detector_label(axes: Iterable[str], row: Mapping[Any, Any]) -> str:
-    """Detector and setting, for example "second, density = 40"."""
+    """Name detector and setting, for example "second, density = 40"."""
     return ", ".join(filter(None, (str(row["detector"]), setting_label(axes, row))))

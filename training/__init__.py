@@ -70,6 +70,6 @@ def network_of(detector: str) -> str:
 
 
 def code_of_network(network: str) -> tuple[str, ...]:
-    """Dotted paths of the code that is a network's own."""
+    """List the modules that a network has for itself."""
     own = f"training.detectors.{network}" if network in NETWORKS.own else "training.detectors.build"
-    return (own, *NETWORKS.roots([network]))
+    return (own, *NETWORKS.modules([network]))

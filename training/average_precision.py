@@ -22,7 +22,7 @@ class FramePairs(NamedTuple):
     """Every pair of a ground truth and a detection of one frame; compiled code takes `layout`."""
 
     truths: NDArray[np.int64]  # ground truths of frame f are rows `truths[f]:truths[f + 1]`
-    found: NDArray[np.int64]  # the same for detections
+    detections: NDArray[np.int64]  # the same for detections
     # The pairs of frame f start here; (ground truth g, detection d), both counted from the frame's
     # first, is pair `starts[f] + g * (detections of f) + d`
     starts: NDArray[np.int64]
@@ -31,23 +31,31 @@ class FramePairs(NamedTuple):
 
     @property
     def layout(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """`truths`, `found` and `starts`."""
+        """`truths`, `detections` and `starts`."""
         return self[:3]
 
     @classmethod
     def of(
         cls, ground_truth_frame: NDArray[np.int64], detection_frame: NDArray[np.int64], frames: int
     ) -> "FramePairs":
-        """Pairs of rows whose frame index, 0 <= index < `frames`, is sorted in both arrays."""
+        """Pair the rows of each frame; both arrays hold sorted frame indices below `frames`."""
         edges = np.arange(frames + 1)
         truths = np.searchsorted(ground_truth_frame, edges)
-        found = np.searchsorted(detection_frame, edges)
-        per_truth = np.diff(found)[ground_truth_frame]
+        detections = np.searchsorted(detection_frame, edges)
+        per_truth = np.diff(detections)[ground_truth_frame]
         ground_truth = np.repeat(np.arange(len(ground_truth_frame)), per_truth)
         within = np.arange(len(ground_truth)) - (np.cumsum(per_truth) - per_truth)[ground_truth]
-        detection = found[ground_truth_frame[ground_truth]] + within
-        starts = np.concatenate([[0], np.cumsum(np.diff(truths) * np.diff(found))])
-        return cls(truths, found, starts, ground_truth, detection)
+        detection = detections[ground_truth_frame[ground_truth]] + within
+        starts = np.concatenate([[0], np.cumsum(np.diff(truths) * np.diff(detections))])
+        return cls(truths, detections, starts, ground_truth, detection)
+
+
+class Roles(NamedTuple):
+    """What every box is to the class under test."""
+
+    truths: NDArray[np.int8]  # COUNTS, IGNORED or OTHER, shape (G,)
+    detections: NDArray[np.int8]  # the same, shape (D,)
+    harmless: NDArray[np.bool_]  # detections that are no false alarm even if unmatched, shape (D,)
 
 
 class PrecisionCurve(NamedTuple):
@@ -60,75 +68,74 @@ class PrecisionCurve(NamedTuple):
 
 
 @njit(cache=True)
-def _recall_pass(layout, overlaps, scores, truth_role, found_role, minimum) -> NDArray[np.float64]:
+def _recall_pass(layout, overlaps, scores, truth_role, detection_role, minimum):
     """Score of each ground truth's hit when it takes the detection of highest score; NaN: none."""
-    truths, found, pairs = layout
+    truths, detections, pairs = layout
     hits = np.full(len(truth_role), np.nan)
-    taken = np.zeros(len(found_role), np.bool_)
+    taken = np.zeros(len(detection_role), np.bool_)
     for f in range(len(pairs) - 1):
-        width = found[f + 1] - found[f]
+        width = detections[f + 1] - detections[f]
         for g in range(truths[f], truths[f + 1]):
             if truth_role[g] == -1:
                 continue
-            row = pairs[f] + (g - truths[f]) * width - found[f]
+            row = pairs[f] + (g - truths[f]) * width - detections[f]
             best, best_score = -1, -np.inf
-            for d in range(found[f], found[f + 1]):
-                if found_role[d] == -1 or taken[d]:
+            for d in range(detections[f], detections[f + 1]):
+                if detection_role[d] == -1 or taken[d]:
                     continue
                 if overlaps[row + d] > minimum and scores[d] > best_score:
                     best, best_score = d, scores[d]
             if best < 0:
                 continue
             taken[best] = True
-            if truth_role[g] == 0 and found_role[best] == 0:
+            if truth_role[g] == 0 and detection_role[best] == 0:
                 hits[g] = scores[best]
     return hits
 
 
 @njit(cache=True)
-def _precision_pass(layout, overlaps, similarity, scores, roles, harmless, minimum, lowest):
+def _precision_pass(layout, overlaps, similarity, scores, roles, minimum, lowest):
     """True and false positives, and the similarity of the true ones, at each score of `lowest`."""
-    truths, found, pairs = layout
-    truth_role, found_role = roles
+    truths, detections, pairs = layout
+    truth_role, detection_role, harmless = roles
     counts = np.zeros((len(lowest), 3))
-    taken = np.zeros(len(found_role), np.bool_)
+    taken = np.zeros(len(detection_role), np.bool_)
     for t in range(len(lowest)):
         taken[:] = False
         for f in range(len(pairs) - 1):
-            width = found[f + 1] - found[f]
+            width = detections[f + 1] - detections[f]
             for g in range(truths[f], truths[f + 1]):
                 if truth_role[g] == -1:
                     continue
-                row = pairs[f] + (g - truths[f]) * width - found[f]
-                best, best_overlap, second = -1, 0.0, -1
-                for d in range(found[f], found[f + 1]):
-                    if found_role[d] == -1 or taken[d] or scores[d] < lowest[t]:
+                row = pairs[f] + (g - truths[f]) * width - detections[f]
+                best, best_overlap, ignored = -1, -np.inf, -1
+                for d in range(detections[f], detections[f + 1]):
+                    if detection_role[d] == -1 or taken[d] or scores[d] < lowest[t]:
                         continue
                     overlap = overlaps[row + d]
                     if overlap <= minimum:
                         continue
-                    if found_role[d] == 0:
-                        if best < 0 or overlap > best_overlap:
-                            best, best_overlap = d, overlap
-                    elif second < 0:
-                        second = d
+                    if detection_role[d] == 0 and overlap > best_overlap:
+                        best, best_overlap = d, overlap
+                    if detection_role[d] != 0 and ignored < 0:
+                        ignored = d
                 if best < 0:
-                    best = second  # an ignored detection is taken only where no other fits
+                    best = ignored  # an ignored detection is taken only where no other fits
                 if best < 0:
                     continue
                 taken[best] = True
-                if truth_role[g] == 0 and found_role[best] == 0:
+                if truth_role[g] == 0 and detection_role[best] == 0:
                     counts[t, 0] += 1
                     counts[t, 2] += similarity[row + best]
-            for d in range(found[f], found[f + 1]):
-                if not (taken[d] or found_role[d] != 0 or harmless[d] or scores[d] < lowest[t]):
+            for d in range(detections[f], detections[f + 1]):
+                if not (taken[d] or detection_role[d] != 0 or harmless[d] or scores[d] < lowest[t]):
                     counts[t, 1] += 1
     return counts
 
 
 @njit(cache=True)
 def sampled_scores(hits, truths, points):
-    """The scores among `hits`, sorted downwards, where recall is nearest to each of the points."""
+    """Choose the scores among falling `hits` where recall is nearest to each of the points."""
     chosen = np.empty(len(hits))
     count = 0
     recall = 0.0
@@ -144,17 +151,17 @@ def sampled_scores(hits, truths, points):
     return chosen[:count]
 
 
-def rising(values: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Rows of the values that are numbers, the lowest first."""
+def ascending_rows(values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the rows of the values that are numbers, the lowest first."""
     return np.argsort(values)[: np.count_nonzero(~np.isnan(values))]  # NaN comes last
 
 
-class Rising(NamedTuple):
+class UnitScores(NamedTuple):
     """Scores, each of some unit, as compiled code takes them."""
 
-    values: NDArray[np.float64]  # all, rising
+    values: NDArray[np.float64]  # all, ascending
     unit: NDArray[np.int64]  # of each
-    by_unit: NDArray[np.float64]  # the same scores unit by unit, rising within each
+    by_unit: NDArray[np.float64]  # the same scores unit by unit, ascending within each
     offsets: NDArray[np.int64]  # those of unit u are `by_unit[offsets[u]:offsets[u + 1]]`
 
     @classmethod
@@ -164,8 +171,8 @@ class Rising(NamedTuple):
         order: NDArray[np.int64],
         unit: NDArray[np.int64],
         units: int,
-    ) -> "Rising":
-        """Of scores and their `rising` order; -1 is no unit."""
+    ) -> "UnitScores":
+        """Sort scores by their `ascending_rows`, and by unit; -1 is no unit."""
         values, unit = scores[order], unit[order]
         members = np.bincount(unit + 1, minlength=units + 1)
         by_unit = np.argsort(unit, kind="stable")[members[0] :]
@@ -173,38 +180,39 @@ class Rising(NamedTuple):
 
 
 @inner
-def _precision_of_others(matched, found, unit, lowest):
-    """Precision from each score of `lowest` on, without the unit's own; `Rising` scores."""
-    positives, all_found = _others_from(matched, unit, lowest), _others_from(found, unit, lowest)
-    return positives / np.maximum(all_found, 1)
+def _precision_of_others(matched, detected, unit, lowest):
+    """Precision from each score of `lowest` on, without the unit itself."""
+    positives, alarms = _count_others(matched, unit, lowest), _count_others(detected, unit, lowest)
+    return positives / np.maximum(alarms, 1)
 
 
 @inner
-def _others_from(scores, unit, lowest):
-    """How many scores of other units are at least each of `lowest`."""
-    own = scores.by_unit[scores.offsets[unit] : scores.offsets[unit + 1]]
-    above = len(scores.values) - np.searchsorted(scores.values, lowest)
-    return above - (len(own) - np.searchsorted(own, lowest))
+def _count_others(scores, unit, lowest):
+    """Number of scores of other units that are at least each of `lowest`."""
+    of_unit = scores.by_unit[scores.offsets[unit] : scores.offsets[unit + 1]]
+    at_least = len(scores.values) - np.searchsorted(scores.values, lowest)
+    return at_least - (len(of_unit) - np.searchsorted(of_unit, lowest))
 
 
 @njit(cache=True)
-def precision_without_each(hits, matched, found, truths, points):
-    """Precision at the sampled scores of the others, of every unit, 0 beyond; (units, points).
+def precision_without_each(hits, matched, detected, truths, points):
+    """Precision without each unit at the sampled scores of the others, 0 beyond; (units, points).
 
-    Of `Rising` scores, see `training.matches.Matches`, and ground truths of the others, (units,).
+    Takes `UnitScores`, see `training.matches.Matches`, and the number of ground truths of the
+    others, (units,).
     """
     precision = np.zeros((len(truths), points))
     falling, unit_of = hits.values[::-1].copy(), hits.unit[::-1].copy()
     for unit in range(len(truths)):
         lowest = sampled_scores(falling[unit_of != unit], truths[unit], points)
-        for n, value in enumerate(_precision_of_others(matched, found, unit, lowest)):
+        for n, value in enumerate(_precision_of_others(matched, detected, unit, lowest)):
             precision[unit, n] = value
     return precision
 
 
 @njit(cache=True)
-def area_without_each(hits, matched, found, truths):
-    """Area under the precision over recall of the others, of every unit, shape (units,).
+def area_without_each(hits, matched, detected, truths):
+    """Area under the precision over recall without each unit, shape (units,).
 
     Precision, made monotone from the right, counts at every hit, each a recall of one ground truth.
     Arguments as of `precision_without_each`; 0 where none is left.
@@ -213,7 +221,7 @@ def area_without_each(hits, matched, found, truths):
     for unit in range(len(truths)):
         lowest = hits.values[hits.unit != unit]
         highest = 0.0
-        for precision in _precision_of_others(matched, found, unit, lowest):
+        for precision in _precision_of_others(matched, detected, unit, lowest):
             highest = max(highest, precision)
             area[unit] += highest / truths[unit]
     return area
@@ -224,29 +232,22 @@ def precision_curve(
     overlaps: NDArray[np.float64],
     scores: NDArray[np.float64],
     minimum_overlap: float,
-    truth_role: NDArray[np.int8],
-    found_role: NDArray[np.int8],
-    harmless: NDArray[np.bool_],
+    roles: Roles,
     similarity: NDArray[np.float64],
 ) -> PrecisionCurve:
-    """Precision over recall of one class.
+    """Compute precision over recall of one class.
 
-    Args:
-        overlaps: overlap of every pair, shape (P,); a hit needs more than `minimum_overlap`.
-        scores: of the detections, finite, shape (D,).
-        truth_role, found_role: COUNTS, IGNORED or OTHER, shapes (G,) and (D,).
-        harmless: detections that are no false alarm even if unmatched, shape (D,).
-        similarity: of every pair, shape (P,).
+    `overlaps` (P,) and `similarity` (P,) are of every pair, `scores` (D,), finite, of the
+    detections; a hit needs more than `minimum_overlap`.
     """
-    layout, least = pairs.layout, minimum_overlap
-    hits = _recall_pass(layout, overlaps, scores, truth_role, found_role, least)
+    least, (truth_role, detection_role, _) = minimum_overlap, roles
+    hits = _recall_pass(pairs.layout, overlaps, scores, truth_role, detection_role, least)
     hits = hits[~np.isnan(hits)]
     if len(hits) == 0:
         return PrecisionCurve(np.zeros(RECALL_POINTS), np.zeros(RECALL_POINTS), 0.0)
     counted = float(np.count_nonzero(truth_role == COUNTS))
     lowest = sampled_scores(np.sort(hits)[::-1].copy(), counted, RECALL_POINTS)
-    roles = (truth_role, found_role)
-    counts = _precision_pass(layout, overlaps, similarity, scores, roles, harmless, least, lowest)
+    counts = _precision_pass(pairs.layout, overlaps, similarity, scores, roles, least, lowest)
     # Taking the largest overlap can lose every hit of the first pass to ignored ground truths.
     hit, alike = (counts[:, k] / np.maximum(counts[:, 0] + counts[:, 1], 1) for k in (0, 2))
     return PrecisionCurve(monotone(hit), monotone(alike), len(hits) / counted)
@@ -262,22 +263,20 @@ def hit_scores(
 
     Shape (G,). Arguments as of `precision_curve`.
     """
-    truths, found = (np.full(ends[-1], COUNTS, np.int8) for ends in pairs.layout[:2])
-    return _recall_pass(pairs.layout, overlaps, scores, truths, found, minimum_overlap)
+    truths, detections = (np.full(ends[-1], COUNTS, np.int8) for ends in pairs.layout[:2])
+    hits = _recall_pass(pairs.layout, overlaps, scores, truths, detections, minimum_overlap)
+    return np.asarray(hits)
 
 
 def monotone(sampled: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The values, none below one to its right, and 0 up to the last recall point.
-
-    From shape (…, n) with n <= 41 to (…, 41).
-    """
+    """Raise each value to the largest one to its right, and fill up with 0: (…, n) to (…, 41)."""
     curve = np.zeros((*sampled.shape[:-1], RECALL_POINTS))
     curve[..., : sampled.shape[-1]] = np.maximum.accumulate(sampled[..., ::-1], axis=-1)[..., ::-1]
     return curve
 
 
 def ap_r40(curve: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean precision at the 40 recall points above 0, percent; from shape (…, 41) to (…)."""
+    """Mean precision at the 40 recall points above 0, percent; from (…, 41) to (…)."""
     return np.asarray(100 * curve[..., 1:].mean(axis=-1))
 
 

@@ -25,7 +25,7 @@ def evaluate_by_distance(
     classes: Sequence[str],
     ious: Mapping[str, Overlaps] = MappingProxyType({}),
 ) -> pd.DataFrame:
-    """The metrics of single classes by `evaluate_boxes` in every ring around the vehicle.
+    """Compute the metrics of single classes by `evaluate_boxes` in each ring around the vehicle.
 
     A detection belongs to the ring of the object of its class that it overlaps most, seen from
     above, and to that of its own centre if it overlaps none: an object at 19.9 m that was found at
@@ -37,13 +37,12 @@ def evaluate_by_distance(
     tables = []
     for name in classes:
         truths = ground_truth[ground_truth["class"] == name]
-        found = detections[detections["class"] == name]
+        detected = detections[detections["class"] == name]
         rings = ring_of(truths)
-        rings_found = _rings_of_detections(truths, found, frames)
+        detection_rings = _rings_of_detections(truths, detected, frames)
         for ring in np.unique(rings).tolist():
-            table = evaluation(
-                truths[rings == ring], found[rings_found == ring], frames, [name], ious=ious
-            ).metrics
+            of_ring = truths[rings == ring], detected[detection_rings == ring]
+            table = evaluation(*of_ring, frames, [name], ious=ious).metrics
             table = table[(table["class"] == name) & table["metric"].isin(OF_CLASSES)]
             low, high = bounds_of(ring)
             tables.append(table.assign(from_m=low, to_m=high)[list(_BY_DISTANCE)])
@@ -52,23 +51,26 @@ def evaluate_by_distance(
 
 
 def _rings_of_detections(
-    truths: pd.DataFrame, found: pd.DataFrame, frames: Sequence[int]
+    truths: pd.DataFrame, detections: pd.DataFrame, frames: Sequence[int]
 ) -> NDArray[np.int64]:
-    """The ring that each row of `found` is judged in; shape (rows,)."""
+    """Ring in which each detection is evaluated, shape (rows,)."""
+    rings = ring_of(detections)
     numbers = np.unique(np.asarray(frames, np.int64))
-    own, other = (rows_of(table.reset_index(drop=True), numbers) for table in (truths, found))
-    pairs = pairs_of(own, other, numbers)
-    overlaps = overlaps_of(own, other, pairs, three_d=False)
-    nearest = overlapped_most(pairs, overlaps, len(other))
-    rings, meets = ring_of(found), nearest >= 0
-    rings[other.index[meets]] = ring_of(own)[nearest[meets]]
+    truths, detections = (
+        rows_of(table.reset_index(drop=True), numbers) for table in (truths, detections)
+    )
+    pairs = pairs_of(truths, detections, numbers)
+    overlaps = overlaps_of(truths, detections, pairs, three_d=False)
+    nearest = overlapped_most(pairs, overlaps, len(detections))
+    meets = nearest >= 0
+    rings[detections.index[meets]] = ring_of(truths)[nearest[meets]]
     return rings
 
 
 def recall_by_sector(
     objects: pd.DataFrame, ious: Mapping[str, Overlaps] = MappingProxyType({})
 ) -> pd.DataFrame:
-    """Recall of the `objects` of an `Evaluation` by sector around the vehicle, at the strict IoU.
+    """Compute the recall of `Evaluation.objects` by sector around the vehicle, strict IoU.
 
     Objects are matched as for the recall of all directions, which is the mean of these, weighted by
     their ground truths.
@@ -77,11 +79,11 @@ def recall_by_sector(
     its bounds from_deg and to_deg (`lidarplace.base.sectors.bounds_of`), value (percent) and
     ground_truths. Sectors without objects of the class have no row.
     """
-    placed = objects[["class", "overlap", "found"]].assign(sector=sectors.sector_of(objects))
+    by_sector = objects[["class", "overlap", "found"]].assign(sector=sectors.sector_of(objects))
     rows = []
-    for name, own in [*placed.groupby("class", sort=False), ("all", placed)]:
+    for name, of_class in [*by_sector.groupby("class", sort=False), ("all", by_sector)]:
         iou = iou_of(str(name), ious).strict
-        recalled = own.assign(recalled=own["overlap"] > iou).groupby("sector")
+        recalled = of_class.assign(recalled=of_class["overlap"] > iou).groupby("sector")
         for sector, group in recalled:
             place = (iou, sectors.SECTORS[int(str(sector))], *sectors.bounds_of(int(str(sector))))
             of_metric = {"recall": group["recalled"], "class_recall_3D": group["found"]}

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
+from itertools import product
 from types import MappingProxyType
 
 import numpy as np
@@ -14,11 +15,12 @@ from numpy.typing import NDArray
 from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU, METRICS, Overlaps, iou_of
 from lidarplace.files.columns import check_columns, numbers
 from lidarplace.logs.boxes import GEOMETRY, check_boxes
-from lidarplace.logs.plausible import check_yaw
+from lidarplace.logs.plausibility import check_yaw
 from training import kitti_labels, leave_out
 from training.average_precision import (
     COUNTS,
     FramePairs,
+    Roles,
     ap_r11,
     ap_r40,
     hit_scores,
@@ -32,14 +34,17 @@ COLUMNS = ("class", "metric", "iou", "difficulty", "value", "ground_truths")
 CURVE_COLUMNS = ("class", "metric", "iou", "recall", "precision")
 
 
+_Row = tuple[str, str, float, str, float, int]  # a row of COLUMNS
+
+
 @dataclass(frozen=True)
 class Evaluation:
-    """What the detections of some frames are worth."""
+    """Metrics of the detections of some frames, and what they are computed from."""
 
     metrics: pd.DataFrame  # `evaluate_boxes`
-    # What the APs are means of: class, metric ("AP_R40_3D", "AP_R40_BEV"), iou, and at the 41
-    # recall points 0, 2.5, …, 100 the precision, both in percent; none of classes without ground
-    # truth
+    # The curves of which the APs are means: class, metric ("AP_R40_3D", "AP_R40_BEV"), iou, and at
+    # the 41 recall points 0, 2.5, …, 100 the precision, both in percent; none of classes without
+    # ground truth
     curves: pd.DataFrame
     # The ground truths, with `overlap`, the largest 3D IoU with a box of their frame ("recall"
     # counts those above its IoU), and `found`, whether "class_recall_3D" counts them at the strict
@@ -58,7 +63,7 @@ def evaluate_boxes(
     refined: pd.DataFrame | None = None,
     ious: Mapping[str, Overlaps] = MappingProxyType({}),
 ) -> pd.DataFrame:
-    """AP and recall over `frames`; rows of other frames and classes are left out.
+    """Compute AP and recall over `frames`; rows of other frames and classes are left out.
 
     All tables have `frame` and x, y, z, length, width, height, yaw in the ego frame, the first two
     also `class`, and detections `score`. Per class:
@@ -96,18 +101,18 @@ def evaluate_boxes(
 def evaluation(
     ground_truth: pd.DataFrame,
     detections: pd.DataFrame,
-    frames: Sequence[int],
+    frames: Sequence[int] | pd.DataFrame,
     classes: Sequence[str],
     refined: pd.DataFrame | None = None,
-    routes: pd.DataFrame | None = None,
     ious: Mapping[str, Overlaps] = MappingProxyType({}),
     metrics: Sequence[str] = (),
 ) -> Evaluation:
-    """`evaluate_boxes`, the precision over recall behind it, and what hangs on each route.
+    """Compute `evaluate_boxes`, the curves behind it, and the metrics without each route.
 
-    Arguments and errors as there, but any yaw, as a log may be accepted with it; and `routes`:
-    scene, frame and route of the frames. With these the ground truth needs columns scene and
-    object_id; and `metrics`: further ones, of plug-ins.
+    Arguments and errors as there, but any yaw, as a log may be accepted with it. `frames` are
+    numbers, or a table with scene, frame and route: only with a table are metrics computed without
+    each route, and the ground truth then needs columns scene and object_id. `metrics` are further
+    ones, of plug-ins.
     """
     check_boxes(ground_truth, "ground truth")
     check_boxes(detections, "detections")
@@ -115,83 +120,122 @@ def evaluation(
     numbers(detections, ["score"], "detections")
     if refined is not None:
         check_boxes(refined.assign(**{"class": ""}), "refined boxes")
-    wanted = np.unique(np.asarray(frames, np.int64))
+    routes = frames if isinstance(frames, pd.DataFrame) else None
+    wanted = np.unique(np.asarray(frames if routes is None else routes["frame"], np.int64))
     truths = rows_of(ground_truth, wanted)
     truths = truths[truths["class"].isin(list(classes))]
-    found = rows_of(detections, wanted)
-    rows: list[tuple[str, str, float, str, float, int]] = []
-    drawn: list[pd.DataFrame] = []
-    without: list[pd.DataFrame] = []
-
-    def add(name: str, metric: str, iou: float, value: float, count: int) -> None:
-        rows.append((name, metric, iou, "all", value if count else np.nan, count))
-
-    every = pairs_of(truths, found, wanted)
-    every_overlap = overlaps_of(truths, found, every, three_d=True)
-    of_any = _largest(every_overlap, every, len(truths))
-    best = of_any
+    detected = rows_of(detections, wanted)
+    pairs = pairs_of(truths, detected, wanted)
+    overlaps = overlaps_of(truths, detected, pairs, three_d=True)
+    best = largest = _largest(overlaps, pairs, len(truths))
     if refined is not None:
-        boxes = rows_of(refined, wanted)
-        other = pairs_of(truths, boxes, wanted)
-        best = _largest(overlaps_of(truths, boxes, other, three_d=True), other, len(truths))
-    reached = np.zeros(len(truths), np.bool_)
-    truth_class, found_class = truths["class"].to_numpy(), found["class"].to_numpy()
+        refined = rows_of(refined, wanted)
+        refined_pairs = pairs_of(truths, refined, wanted)
+        refined_overlaps = overlaps_of(truths, refined, refined_pairs, three_d=True)
+        best = _largest(refined_overlaps, refined_pairs, len(truths))
+    hit = np.zeros(len(truths), np.bool_)
+    rows: list[_Row] = []
+    curves: list[pd.DataFrame] = []
+    left_out: list[pd.DataFrame] = []
     for name in classes:
-        here = truth_class == name
-        own = truths[here]
-        own_found = found[found_class == name]
-        pairs = pairs_of(own, own_found, wanted)
-        scores = own_found["score"].to_numpy(np.float64, copy=True)
-        alike = here[every.ground_truth] & (found_class == name)[every.detection]
-        overlaps = {
-            "3D": every_overlap[alike],
-            "BEV": overlaps_of(own, own_found, pairs, three_d=False),
-        }
-        of_class = _largest(overlaps["3D"], pairs, len(own))
-        of_name = iou_of(name, ious)
-        matches = {
-            (view, iou): Matches.of(pairs, values, scores, iou)
-            for view, values in overlaps.items()
-            for iou in dict.fromkeys((*of_name, *MEAN_AP_IOU) if view == "3D" else of_name)
-        }
-        reached[here] = matches["3D", of_name.strict].found
-        if routes is not None and len(own):
-            nearest = leave_out.overlapped_most(pairs, overlaps["BEV"], len(own_found))
-            frame = own_found["frame"].to_numpy(np.int64)
-            units = leave_out.units_of(own, frame, nearest, routes)
-            without += leave_out.ap_without_each(name, of_name, matches, units)
-            without += leave_out.means_without_each(name, _means(best[here], of_class), units)
-        curves = {key: match.precision() for key, match in matches.items()}
-        for iou in of_name:
-            for view in overlaps:
-                metric, curve = f"AP_R40_{view}", curves[view, iou]
-                add(name, metric, iou, float(ap_r40(curve)), len(own))
-                if len(own):
-                    values = (name, metric, iou, np.linspace(0, 100, len(curve)), 100 * curve)
-                    drawn.append(pd.DataFrame(dict(zip(CURVE_COLUMNS, values, strict=True))))
-            add(name, "class_recall_3D", iou, _percent(matches["3D", iou].found), len(own))
-            for metric in metrics:
-                if (measure := METRICS[metric].of_matches) is not None:
-                    compute = partial(measure, matches["3D", iou])
-                    value = METRICS.number(metric, compute, f"class {name}") if len(own) else np.nan
-                    add(name, metric, iou, value, len(own))
-        for iou in RECALL_IOU:
-            add(name, "recall", iou, _percent(best[here] > iou), len(own))
-        mean_curve = np.mean([curves["3D", iou] for iou in MEAN_AP_IOU], axis=0)
-        add(name, "AP_R40_3D_mean", EVERY_IOU, float(ap_r40(mean_curve)), len(own))
-        add(name, "mean_overlap", EVERY_IOU, _percent(of_class), len(own))
-    for metric, iou, of_truth in _means(best, of_any):
-        add("all", metric, iou, _percent(of_truth), len(truths))
+        of_truth, of_detection = (t["class"].to_numpy() == name for t in (truths, detected))
+        of_pair = of_truth[pairs.ground_truth] & of_detection[pairs.detection]
+        boxes = truths[of_truth], detected[of_detection]
+        class_pairs = pairs_of(*boxes, wanted)
+        from_above = overlaps_of(*boxes, class_pairs, three_d=False)
+        views = {"3D": overlaps[of_pair], "BEV": from_above}
+        of_class = _ClassBoxes(name, *boxes, class_pairs, views, best[of_truth], iou_of(name, ious))
+        hit[of_truth] = of_class.matches["3D", of_class.ious.strict].found
+        rows += of_class.rows(metrics)
+        curves += of_class.curve_tables()
+        left_out += of_class.without_each(routes) if routes is not None else ()
+    of_all = _means(best, largest)
+    rows += [("all", name, iou, "all", _percent(own), len(truths)) for name, iou, own in of_all]
     if routes is not None and len(truths):
-        none = np.zeros(0, np.int64)
-        units = leave_out.units_of(truths, none, none, routes)
-        without += leave_out.means_without_each("all", _means(best, of_any), units)
+        no_detection = np.zeros(0, np.int64)
+        units = leave_out.units_of(truths, no_detection, no_detection, routes)
+        left_out += leave_out.means_without_each("all", of_all, units)
     return Evaluation(
         pd.DataFrame(rows, columns=list(COLUMNS)),
-        _stack(drawn, CURVE_COLUMNS),
-        truths.assign(overlap=best, found=reached),
-        None if routes is None else _stack(without, leave_out.COLUMNS),
+        _stack(curves, CURVE_COLUMNS),
+        truths.assign(overlap=best, found=hit),
+        None if routes is None else _stack(left_out, leave_out.COLUMNS),
     )
+
+
+@dataclass(frozen=True)
+class _ClassBoxes:
+    """Ground truths and detections of one class, with their overlaps."""
+
+    name: str
+    truths: pd.DataFrame
+    detected: pd.DataFrame
+    pairs: FramePairs
+    overlaps: Mapping[str, NDArray[np.float64]]  # of the pairs, "3D" and "BEV"
+    best: NDArray[np.float64]  # largest overlap of each ground truth that "recall" counts
+    ious: Overlaps
+
+    @cached_property
+    def matches(self) -> dict[tuple[str, float], Matches]:
+        """Matches by view and IoU."""
+        scores = self.detected["score"].to_numpy(np.float64, copy=True)
+        return {
+            (view, iou): Matches.of(self.pairs, values, scores, iou)
+            for view, values in self.overlaps.items()
+            for iou in dict.fromkeys((*self.ious, *MEAN_AP_IOU) if view == "3D" else self.ious)
+        }
+
+    @cached_property
+    def curves(self) -> dict[tuple[str, float], NDArray[np.float64]]:
+        """Precision at the recall points, by view and IoU."""
+        return {key: match.precision() for key, match in self.matches.items()}
+
+    @cached_property
+    def largest(self) -> NDArray[np.float64]:
+        """Largest 3D overlap of each ground truth with a detection of the class."""
+        return _largest(self.overlaps["3D"], self.pairs, len(self.truths))
+
+    def rows(self, metrics: Sequence[str]) -> list[_Row]:
+        """Rows of `evaluate_boxes`, and of further metrics."""
+        count = len(self.truths)
+        values: list[tuple[str, float, float]] = []
+        for iou in self.ious:
+            matches = self.matches["3D", iou]
+            for view in self.overlaps:
+                values.append((f"AP_R40_{view}", iou, float(ap_r40(self.curves[view, iou]))))
+            values.append(("class_recall_3D", iou, _percent(matches.found)))
+            for metric in metrics:
+                if (measure := METRICS[metric].of_matches) is not None:
+                    compute = partial(measure, matches)
+                    place = f"class {self.name}"
+                    value = METRICS.number(metric, compute, place) if count else np.nan
+                    values.append((metric, iou, value))
+        values += [("recall", iou, _percent(self.best > iou)) for iou in RECALL_IOU]
+        mean_curve = np.mean([self.curves["3D", iou] for iou in MEAN_AP_IOU], axis=0)
+        values.append(("AP_R40_3D_mean", EVERY_IOU, float(ap_r40(mean_curve))))
+        values.append(("mean_overlap", EVERY_IOU, _percent(self.largest)))
+        return [
+            (self.name, metric, iou, "all", value if count else np.nan, count)
+            for metric, iou, value in values
+        ]
+
+    def curve_tables(self) -> Iterator[pd.DataFrame]:
+        """Yield tables of CURVE_COLUMNS; none without ground truth."""
+        for iou, view in product(self.ious, self.overlaps if len(self.truths) else ()):
+            curve = self.curves[view, iou]
+            recall = np.linspace(0, 100, len(curve))
+            values = (self.name, f"AP_R40_{view}", iou, recall, 100 * curve)
+            yield pd.DataFrame(dict(zip(CURVE_COLUMNS, values, strict=True)))
+
+    def without_each(self, routes: pd.DataFrame) -> list[pd.DataFrame]:
+        """Tables of the metrics without each route and so on; none without ground truth."""
+        if not len(self.truths):
+            return []
+        frame = self.detected["frame"].to_numpy(np.int64)
+        nearest = leave_out.overlapped_most(self.pairs, self.overlaps["BEV"], len(frame))
+        units = leave_out.units_of(self.truths, frame, nearest, routes)
+        means = leave_out.means_without_each(self.name, _means(self.best, self.largest), units)
+        return leave_out.ap_without_each(self.name, self.ious, self.matches, units) + means
 
 
 def _means(
@@ -207,28 +251,24 @@ def _stack(tables: Sequence[pd.DataFrame], columns: Sequence[str]) -> pd.DataFra
 
 
 def rows_of(table: pd.DataFrame, frames: NDArray[np.int64]) -> pd.DataFrame:
-    """Rows of the wanted frames, sorted by frame; rows of a frame keep their order."""
+    """Select the rows of `frames`, sorted by frame; rows of a frame keep their order."""
     return table[table["frame"].isin(frames)].sort_values("frame", kind="stable")
 
 
-def pairs_of(truths: pd.DataFrame, found: pd.DataFrame, frames: NDArray[np.int64]) -> FramePairs:
-    """The pairs of each frame; rows as of `rows_of`, which has the same frames."""
-    return FramePairs.of(
-        np.searchsorted(frames, truths["frame"].to_numpy(np.int64)),
-        np.searchsorted(frames, found["frame"].to_numpy(np.int64)),
-        len(frames),
+def pairs_of(truths: pd.DataFrame, detected: pd.DataFrame, frames: NDArray[np.int64]) -> FramePairs:
+    """Pair ground truths and detections of each frame; both are results of `rows_of`."""
+    truth_frame, detection_frame = (
+        np.searchsorted(frames, table["frame"].to_numpy(np.int64)) for table in (truths, detected)
     )
+    return FramePairs.of(truth_frame, detection_frame, len(frames))
 
 
 def overlaps_of(
-    truths: pd.DataFrame, found: pd.DataFrame, pairs: FramePairs, three_d: bool
+    truths: pd.DataFrame, detected: pd.DataFrame, pairs: FramePairs, three_d: bool
 ) -> NDArray[np.float64]:
     """IoU of every pair, in 3D or seen from above."""
-    return paired_iou(
-        truths[list(GEOMETRY)].to_numpy(np.float64)[pairs.ground_truth],
-        found[list(GEOMETRY)].to_numpy(np.float64)[pairs.detection],
-        three_d,
-    )
+    truth, box = (t[list(GEOMETRY)].to_numpy(np.float64) for t in (truths, detected))
+    return paired_iou(truth[pairs.ground_truth], box[pairs.detection], three_d)
 
 
 def _largest(overlaps: NDArray[np.float64], pairs: FramePairs, truths: int) -> NDArray[np.float64]:
@@ -239,23 +279,23 @@ def _largest(overlaps: NDArray[np.float64], pairs: FramePairs, truths: int) -> N
 
 
 def found_objects(objects: pd.DataFrame, detections: pd.DataFrame, iou: float) -> NDArray[np.bool_]:
-    """Whether some detection overlaps each object in 3D by more than `iou`, each used once.
+    """Mark the objects that some detection overlaps in 3D by more than `iou`, each used once.
 
     Boxes of one class with `frame`, detections also with `score`; the mean of what is returned,
     (objects,), is `class_recall_3D` of `evaluate_boxes`.
     """
     frames = np.unique(objects["frame"])
-    truths, found = rows_of(objects, frames), rows_of(detections, frames)
-    pairs = pairs_of(truths, found, frames)
-    overlaps = overlaps_of(truths, found, pairs, three_d=True)
-    scores = hit_scores(pairs, overlaps, found["score"].to_numpy(np.float64, copy=True), iou)
+    truths, detected = rows_of(objects, frames), rows_of(detections, frames)
+    pairs = pairs_of(truths, detected, frames)
+    overlaps = overlaps_of(truths, detected, pairs, three_d=True)
+    scores = hit_scores(pairs, overlaps, detected["score"].to_numpy(np.float64, copy=True), iou)
     hit = np.empty(len(objects), np.bool_)
     hit[np.argsort(objects["frame"].to_numpy(), kind="stable")] = ~np.isnan(scores)
     return hit
 
 
 def _percent(values: NDArray[np.float64] | NDArray[np.bool_]) -> float:
-    """The mean, percent; NaN of nothing."""
+    """Mean in percent; NaN without values."""
     return float(100 * values.mean()) if len(values) else float("nan")
 
 
@@ -266,7 +306,7 @@ def evaluate_detections(
     iou: Mapping[str, float],
     min_height: bool = True,
 ) -> pd.DataFrame:
-    """KITTI's official AP of tables with its label columns, camera frame.
+    """Compute KITTI's official AP of tables with its label columns, camera frame.
 
     Rules as in KITTI's development kit: objects that are too occluded, truncated or low in the
     image for a difficulty are ignored, so are `Van` for Car and `Person_sitting` for Pedestrian;
@@ -291,44 +331,40 @@ def evaluate_detections(
     """
     wanted = np.unique(frames if np.ndim(frames) else np.arange(int(np.asarray(frames))))
     truths = rows_of(kitti_labels.checked_labels(ground_truth, "ground truth", ()), wanted)
-    found = rows_of(kitti_labels.checked_labels(detections, "detections", ("score",)), wanted)
-    pairs = pairs_of(truths, found, wanted)
-    scores = found["score"].to_numpy(np.float64, copy=True)
-    truth_sides = kitti_labels.boxes_z_up(truths)[pairs.ground_truth]
-    found_sides = kitti_labels.boxes_z_up(found)[pairs.detection]
+    detected = rows_of(kitti_labels.checked_labels(detections, "detections", ("score",)), wanted)
+    pairs = pairs_of(truths, detected, wanted)
+    scores = detected["score"].to_numpy(np.float64, copy=True)
+    truth_boxes = kitti_labels.boxes_z_up(truths)[pairs.ground_truth]
+    detected_boxes = kitti_labels.boxes_z_up(detected)[pairs.detection]
     overlaps = {
-        "3D": paired_iou(truth_sides, found_sides, three_d=True),
-        "BEV": paired_iou(truth_sides, found_sides, three_d=False),
-        "image": kitti_labels.image_iou(truths, found, pairs),
+        "3D": paired_iou(truth_boxes, detected_boxes, three_d=True),
+        "BEV": paired_iou(truth_boxes, detected_boxes, three_d=False),
+        "image": kitti_labels.image_iou(truths, detected, pairs),
     }
-    truth_class, found_class = (own["class"].str.lower().to_numpy(str) for own in (truths, found))
     best = _largest(overlaps["3D"], pairs, len(truths))
-    regions = truth_class == "dontcare"
-    covered = kitti_labels.covered_by_dont_care(truths, found, pairs, regions)
-    alike = kitti_labels.orientation_similarity(truths, found, pairs)
-    oriented = (found["alpha"].to_numpy(np.float64) != kitti_labels.UNKNOWN_ALPHA).all()
-    rows: list[tuple[str, str, float, str, float, int]] = []
+    covered = kitti_labels.covered_by_dont_care(truths, detected, pairs)
+    similarity = kitti_labels.orientation_similarity(truths, detected, pairs)
+    rows: list[_Row] = []
     for name, minimum in iou.items():
         for level, difficulty in enumerate(kitti_labels.DIFFICULTIES):
-            rule = name, level, min_height
-            truth_role = kitti_labels.ground_truth_role(truths, truth_class, *rule)
-            found_role = kitti_labels.detection_role(found, found_class, *rule)
-            count = int((truth_role == COUNTS).sum())
-            value: dict[str, float] = {}
-            for view, values in overlaps.items():
+            truth_role = kitti_labels.ground_truth_role(truths, name, level, min_height)
+            detection_role = kitti_labels.detection_role(detected, name, level, min_height)
+            values: dict[str, float] = {}
+            for view, overlap in overlaps.items():
                 harmless = covered > (minimum if view == "image" else np.inf)
-                roles = truth_role, found_role, harmless
-                curve = precision_curve(pairs, values, scores, minimum, *roles, alike)
-                value[f"AP_R40_{view}"] = float(ap_r40(curve.precision))
-                value[f"AP_R11_{view}"] = ap_r11(curve.precision)
-                value[f"class_recall_{view}"] = 100 * curve.recall
-                if view == "image" and oriented:
-                    value["AOS_R40"] = float(ap_r40(curve.similarity))
-                    value["AOS_R11"] = ap_r11(curve.similarity)
+                roles = Roles(truth_role, detection_role, harmless)
+                curve = precision_curve(pairs, overlap, scores, minimum, roles, similarity)
+                values[f"AP_R40_{view}"] = float(ap_r40(curve.precision))
+                values[f"AP_R11_{view}"] = ap_r11(curve.precision)
+                values[f"class_recall_{view}"] = 100 * curve.recall
+            if (detected["alpha"].to_numpy(np.float64) != kitti_labels.UNKNOWN_ALPHA).all():
+                values["AOS_R40"] = float(ap_r40(curve.similarity))  # of the image, the last view
+                values["AOS_R11"] = ap_r11(curve.similarity)
+            count = int((truth_role == COUNTS).sum())
             rows += [
-                (name, key, minimum, difficulty, number, count) for key, number in value.items()
+                (name, key, minimum, difficulty, value, count) for key, value in values.items()
             ]
-        own = best[truth_class == name.lower()]
-        recall = _percent(own > minimum) if len(own) else 0.0
-        rows.append((name, "recall", minimum, "all", recall, len(own)))
+        of_class = best[truths["class"].to_numpy(object) == name.lower()]
+        recall = _percent(of_class > minimum) if len(of_class) else 0.0
+        rows.append((name, "recall", minimum, "all", recall, len(of_class)))
     return pd.DataFrame(rows, columns=list(COLUMNS))

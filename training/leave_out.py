@@ -29,7 +29,7 @@ COLUMNS = ("class", "metric", "iou", "unit", "left_out", "ground_truths", "membe
 
 @dataclass(frozen=True)
 class Units:
-    """What is left out."""
+    """Units of one kind, each left out in turn."""
 
     kind: str  # "route", "individual" or "half", or "nothing", which leaves nothing out
     names: tuple[str, ...]  # of the units, the same for all detectors
@@ -40,7 +40,7 @@ class Units:
     def table(
         self, object_class: str, metric: str, iou: float, values: NDArray[np.float64]
     ) -> pd.DataFrame:
-        """`COLUMNS` of the values without each unit."""
+        """Table of `COLUMNS` of the values without each unit."""
         counts = by_unit(self.truth, len(self.names)).astype(np.int64)
         cells = (object_class, metric, iou, self.kind, self.names, counts, self.members, values)
         return pd.DataFrame(dict(zip(COLUMNS, cells, strict=True)))
@@ -52,7 +52,7 @@ def units_of(
     nearest: NDArray[np.int64],
     routes: pd.DataFrame,
 ) -> list[Units]:
-    """Routes and individuals of the ground truths and detections of one class, nothing, and halves.
+    """List the units of one class: routes, individuals, nothing, and halves.
 
     Nothing is what the first two are compared with: AP as an area, see above. Halves of the routes
     are of several splits that are drawn at random: "0a" and "0b", "1a", …; none of one route.
@@ -69,7 +69,7 @@ def units_of(
     frame = routes["frame"].to_numpy(np.int64)
     of_frame = pd.Series(route, frame)
     truth, detection = (
-        of_frame.reindex(own).to_numpy(np.int64) for own in (truths["frame"], detection_frame)
+        of_frame.reindex(rows).to_numpy(np.int64) for rows in (truths["frame"], detection_frame)
     )
     individual, individuals, of_individuals = _numbered(truths, ["scene", "object_id"])
     boxes = by_unit(individual, len(individuals))
@@ -101,7 +101,7 @@ def units_of(
 def overlapped_most(
     pairs: FramePairs, overlaps: NDArray[np.float64], detections: int
 ) -> NDArray[np.int64]:
-    """Row of the ground truth that each detection overlaps most, shape (D,); -1: it meets none."""
+    """Row of the ground truth that each detection overlaps most, shape (D,); -1: none."""
     nearest = np.full(detections, -1)
     rising = np.argsort(overlaps, kind="stable")  # of several assignments the last one stays
     rising = rising[overlaps[rising] > 0]
@@ -115,7 +115,7 @@ def ap_without_each(
     matches: Mapping[tuple[str, float], Matches],
     either: Sequence[Units],
 ) -> list[pd.DataFrame]:
-    """AP and recall of a class at `ious` without each of `units_of`: but for halves AP is an area.
+    """AP and recall of a class at `ious` without each of `units_of`; but for halves AP is an area.
 
     `matches`: by view, "3D" or "BEV", and IoU: of `ious`, and in 3D of `MEAN_AP_IOU`.
     """
@@ -128,8 +128,8 @@ def ap_without_each(
             tables.append(units.table(object_class, f"AP_R40_{view}", iou, ap[view, iou]))
         mean = np.mean([ap["3D", iou] for iou in MEAN_AP_IOU], axis=0)
         tables.append(units.table(object_class, "AP_R40_3D_mean", EVERY_IOU, mean))
-    found = [("class_recall_3D", iou, matches["3D", iou].found) for iou in ious]
-    return tables + means_without_each(object_class, found, either)
+    recalls = [("class_recall_3D", iou, matches["3D", iou].found) for iou in ious]
+    return tables + means_without_each(object_class, recalls, either)
 
 
 def means_without_each(
@@ -139,7 +139,7 @@ def means_without_each(
 ) -> list[pd.DataFrame]:
     """Metrics that are means over ground truths, in percent, without each unit; NaN: none is left.
 
-    Each has a name, an IoU and what it is a mean of, shape (G,).
+    Each metric has a name, an IoU and the values, shape (G,), of which it is a mean.
     """
     tables = []
     for (metric, iou, of_truth), units in product(metrics, either):

@@ -1,4 +1,4 @@
-"""Which ground truths are found from which score on: enough for the AP of any part of them.
+"""Scores from which on ground truths are matched: enough for the AP of any part of them.
 
 AP where every box counts needs of the second pass of KITTI's evaluation only how many ground truths
 are matched at a score, and how many detections there are. A ground truth that is matched at some
@@ -17,13 +17,13 @@ from lidarplace.base.kernel_cache import njit
 from training.average_precision import (
     RECALL_POINTS,
     FramePairs,
-    Rising,
+    UnitScores,
     ap_r40,
     area_without_each,
+    ascending_rows,
     hit_scores,
     monotone,
     precision_without_each,
-    rising,
 )
 
 
@@ -43,22 +43,22 @@ class Matches:
         scores: NDArray[np.float64],
         minimum_overlap: float,
     ) -> "Matches":
-        """Of boxes that all count. Arguments as of `average_precision.precision_curve`."""
+        """Match boxes that all count; arguments as of `average_precision.precision_curve`."""
         matched = _matched_from(pairs.layout, overlaps, scores, minimum_overlap)
         return cls(hit_scores(pairs, overlaps, scores, minimum_overlap), matched, scores)
 
     @cached_property
     def _orders(self) -> tuple[tuple[NDArray[np.float64], NDArray[np.int64]], ...]:
         """Scores of hits, matches and detections, each with its order."""
-        return tuple((v, rising(v)) for v in (self.hit, self.matched, self.scores))
+        return tuple((v, ascending_rows(v)) for v in (self.hit, self.matched, self.scores))
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """Which ground truths are hit at any score, shape (G,)."""
+        """Ground truths that are hit at any score, a mask of shape (G,)."""
         return ~np.isnan(self.hit)
 
     def precision(self) -> NDArray[np.float64]:
-        """Precision over recall, that of `average_precision.precision_curve`, shape (41,)."""
+        """Compute the precision of `average_precision.precision_curve`, shape (41,)."""
         of_none = (np.full(len(self.hit), -1), np.full(len(self.scores), -1))
         every = np.array([len(self.hit)], np.float64)
         sampled = precision_without_each(*self._by_unit(*of_none, 1), every, RECALL_POINTS)
@@ -90,49 +90,49 @@ class Matches:
 
     def _by_unit(
         self, truth_unit: NDArray[np.int64], detection_unit: NDArray[np.int64], units: int
-    ) -> tuple[Rising, Rising, Rising]:
-        """Hits, matches and detections with their units."""
-        hit, matched, found = self._orders
-        hits, matches = (Rising.of(*own, truth_unit, units) for own in (hit, matched))
-        return hits, matches, Rising.of(*found, detection_unit, units)
+    ) -> tuple[UnitScores, UnitScores, UnitScores]:
+        """Scores of hits, matches and detections with their units."""
+        hit, matched, detected = self._orders
+        hits, matches = (UnitScores.of(*of_truth, truth_unit, units) for of_truth in (hit, matched))
+        return hits, matches, UnitScores.of(*detected, detection_unit, units)
 
 
 def by_unit(
     unit: NDArray[np.int64], units: int, weights: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """How many members every unit has, or the sum of their weights, shape (units,); -1: none."""
+    """Count the members of every unit, or sum their weights, shape (units,); -1 is no unit."""
     return np.bincount(unit + 1, weights, units + 1)[1:].astype(np.float64)
 
 
 @njit(cache=True)
 def _matched_from(layout, overlaps, scores, minimum):
     """Highest score at which each ground truth is matched by KITTI's second pass; NaN: never."""
-    truths, found, pairs = layout
+    truths, detections, pairs = layout
     matched = np.full(truths[-1], np.nan)
-    taken = np.zeros(found[-1], np.bool_)
+    taken = np.zeros(detections[-1], np.bool_)
     for f in range(len(pairs) - 1):
-        width = found[f + 1] - found[f]
+        first, width = detections[f], detections[f + 1] - detections[f]
         count = 0
         near = np.empty(width, np.int64)  # detections that can be a match
-        for d in range(found[f], found[f + 1]):
+        for d in range(first, first + width):
             for g in range(truths[f], truths[f + 1]):
-                if overlaps[pairs[f] + (g - truths[f]) * width + d - found[f]] > minimum:
+                if overlaps[pairs[f] + (g - truths[f]) * width + d - first] > minimum:
                     near[count] = d
                     count += 1
                     break
         near = near[:count]
         lowest = np.inf
         while True:
-            below = -np.inf  # the next score that some of them have
+            next_lower = -np.inf
             for d in near:
-                below = max(below, scores[d]) if scores[d] < lowest else below
-            lowest = below
+                next_lower = max(next_lower, scores[d]) if scores[d] < lowest else next_lower
+            lowest = next_lower
             if lowest == -np.inf:
                 break
             for d in near:
                 taken[d] = scores[d] < lowest  # not there yet
             for g in range(truths[f], truths[f + 1]):
-                row = pairs[f] + (g - truths[f]) * width - found[f]
+                row = pairs[f] + (g - truths[f]) * width - first
                 best, best_overlap = -1, minimum
                 for d in near:
                     if not taken[d] and overlaps[row + d] > best_overlap:

@@ -10,6 +10,7 @@ detectors.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -21,9 +22,9 @@ from torch import Tensor, nn
 
 from sweeps.plan.plan import read_plan
 from sweeps.plan.trial import Trial
+from sweeps.stages.collect import clouds_and_objects
 from sweeps.store.local import Store
 from sweeps.store.open import store_of
-from sweeps.tasks import stages
 from training.detectors.build import build
 
 BATCH = 4
@@ -38,14 +39,14 @@ def main(
     """A row a rig and metric; rigs that are there already are left out."""
     sweep, plan = read_plan(config, set_ or [])
     store = store_of(sweep)
-    by_judge: dict[str, dict[str, list[Trial]]] = {}
+    by_evaluator: dict[str, dict[str, list[Trial]]] = {}
     for trial in plan.trials:
         point = trial.grid_point.point
-        by_judge.setdefault(point.judge, {}).setdefault(point.placement, []).append(trial)
+        by_evaluator.setdefault(point.evaluator, {}).setdefault(point.placement, []).append(trial)
     done = set(pd.read_csv(out)["placement"]) if out.exists() else set()
     for name in [name for name in rigs.split(",") if name not in done]:
-        own = by_judge["specialist"][name]
-        judge = by_judge["generalist"][name][0]
+        own = by_evaluator["specialist"][name]
+        judge = by_evaluator["generalist"][name][0]
         found = {
             "own": pd.concat([_metrics(store, trial) for trial in own]),
             "as trained": _metrics(store, judge),
@@ -69,7 +70,7 @@ def _summary(table: pd.DataFrame) -> None:
 
 def _metrics(store: Store, trial: Trial) -> pd.DataFrame:
     assert trial.evaluate is not None
-    return store.load(trial.evaluate)["metrics"]
+    return store.load(trial.evaluate).metrics
 
 
 def _means(rows: pd.DataFrame) -> pd.Series:
@@ -84,13 +85,13 @@ def _recalibrated(store: Store, judge: Trial, own: Trial) -> pd.DataFrame:
     assert own.finetune is not None
     weights = store.load(judge.finetune)
     inputs = [store.load(task) for task in own.finetune.inputs]
-    clouds, _ = stages._clouds_and_objects(inputs)
-    params = judge.evaluate.params
-    model = build(params.detector, weights["classes"], point_range=params.point_range)
-    model.load_state_dict(weights["state_dict"])
+    clouds, _ = clouds_and_objects(inputs)
+    params = judge.evaluate.stage
+    model = build(params.detector, weights.classes, point_range=params.point_range)
+    model.load_state_dict(weights.state_dict)
     state = _statistics_of(model, clouds)
     tested = [store.load(task) for task in judge.evaluate.inputs if task is not judge.finetune]
-    return stages.evaluate(params, weights | {"state_dict": state}, *tested)["metrics"]
+    return params.run(replace(weights, state_dict=state), *tested).metrics
 
 
 def _statistics_of(model: nn.Module, clouds: object) -> Mapping[str, Tensor]:

@@ -10,7 +10,6 @@ import traceback
 import warnings
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
-from importlib.metadata import Distribution
 from numbers import Real
 from threading import Timer
 from typing import Any
@@ -19,17 +18,15 @@ import numpy as np
 from pydantic import ValidationError
 
 from lidarplace.base.errors import InputError
-
-PLUGINS: dict[str, Distribution | None] = {}
-"""Top-level packages whose names were asked for, and what installed them; None: a folder."""
+from lidarplace.base.plugin_folders import PLUGINS, Folders, active_folders, current_folder
 
 SLOW_IMPORT_S = 10.0
 """Seconds after which the import of a plug-in is named as what a command waits for."""
 
 _STREAMS = {"stdout": 1, "stderr": 2}
 
-_harmful: dict[str, InputError] = {}
-"""Of paths whose import succeeded and did harm, which a second import would not repeat."""
+_harmful: dict[tuple[Folders, str], InputError] = {}
+"""Errors of imports that succeeded and did harm, which a second import would not repeat."""
 
 _log = logging.getLogger(__name__)
 
@@ -56,7 +53,7 @@ def foreign_code(name: str, passed: tuple[type[Exception], ...] = ()) -> Iterato
     cause: BaseException | None = None
     problem = ""
     try:
-        with np.errstate():  # what it sets of floating-point errors ends here
+        with np.errstate(), current_folder():  # what it sets of floating-point errors ends here
             yield
     except MemoryError:
         raise
@@ -87,13 +84,13 @@ def import_plugin(path: str, name: str) -> Any:
     timer.daemon = True
     timer.start()
     try:
-        if path in _harmful:
-            raise _harmful[path]
+        if (active_folders(), path) in _harmful:
+            raise _harmful[active_folders(), path]
         with foreign_code(name):
             return pkgutil.resolve_name(path)
     except InputError as error:
         if (cause := error.__cause__) is None:
-            _harmful[path] = error
+            _harmful[active_folders(), path] = error
         raise InputError(f"cannot be imported: {error.problem}", place=name) from cause
     finally:
         timer.cancel()

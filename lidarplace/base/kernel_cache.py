@@ -1,17 +1,13 @@
-"""`numba.njit` with a disk cache that looks at every source that a kernel is compiled from.
+"""`numba.njit` with a disk cache for each version of the sources that a kernel is compiled from.
 
-numba's own looks at the kernel's file alone, and misses an edit of another file that it uses.
+numba's own cache looks at the kernel's file alone, and misses an edit of another file that it uses.
 """
 
 from __future__ import annotations
 
-import hashlib
-import re
 import shutil
-import sys
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,19 +15,20 @@ import numba
 from numba.core.types.abstract import Type
 from numba.core.types.misc import unliteral
 
+from lidarplace.base.code_version import code_version
+
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 _KEPT = 3
-"""Versions of a file whose machine code stays on the disk: branches are switched to and fro."""
-
-_IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
+"""Versions of a file whose machine code stays on the disk, as branches are switched."""
 
 
 def njit(**options: Any) -> Callable[[Kernel], Kernel]:
-    """`numba.njit` with these options; all kernels of this project are compiled by it. With
-    `cache=True` machine code is in a folder of the sources' version, below the one that numba
-    chooses: `NUMBA_CACHE_DIR`, else `__pycache__` next to the file, else the user's cache
-    folder."""
+    """Return `numba.njit` with these options, the decorator of all kernels of this project.
+
+    With `cache=True` machine code is in a folder of the sources' version, below the one that numba
+    chooses: `NUMBA_CACHE_DIR`, else `__pycache__` next to the file, else the user's cache folder.
+    """
 
     def compiled(function: Callable[..., Any]) -> Any:
         # Nothing calls kernels from C.
@@ -64,37 +61,12 @@ inlined = njit(error_model="numpy", no_cpython_wrapper=True, forceinline=True)
 
 
 def _folder(parent: Path, function: Callable[..., Any]) -> Path:
-    """Where the machine code of a function is; the oldest versions of its file go for a new one."""
+    """Return the folder of a function's machine code; a new one replaces the file's oldest."""
     stem = Path(function.__code__.co_filename).stem
-    folder = parent / f"{stem}-{_version(function.__module__)}"
+    folder = parent / f"{stem}-{code_version(function.__module__)[:16]}"
     if not folder.is_dir():
         with suppress(FileNotFoundError):  # another process does the same
             versions = sorted(parent.glob(f"{stem}-*/"), key=lambda path: path.stat().st_mtime)
             for old in versions[: 1 - _KEPT]:
                 shutil.rmtree(old, ignore_errors=True)
     return folder
-
-
-@cache
-def _version(module: str) -> str:
-    """Hash of the sources of a module and of all of its package and ours that it leads to."""
-    packages = {__name__.partition(".")[0], module.partition(".")[0]}
-    digests: dict[str, str] = {}
-    open_ = [module]
-    while open_:
-        name = open_.pop()
-        path = getattr(sys.modules.get(name), "__file__", None)
-        if path and name not in digests and name.partition(".")[0] in packages:
-            digests[name], imported = _source(path)
-            open_ += imported
-    return hashlib.sha256(repr(sorted(digests.items())).encode()).hexdigest()[:16]
-
-
-@cache
-def _source(path: str) -> tuple[str, list[str]]:
-    """Hash of a source as it is imported, and the names in its imports that may be modules."""
-    source = Path(path).read_bytes()
-    imported = []
-    for module, names in _IMPORT.findall(source.decode()):
-        imported += [module, *(f"{module}.{name}" for name in re.findall(r"\w+", names))]
-    return hashlib.sha256(source).hexdigest(), imported

@@ -14,19 +14,16 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from itertools import product
-from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from lidarplace.base.errors import InputError
-from lidarplace.base.foreign_code import PLUGINS, finite_number, foreign_code, import_plugin
+from lidarplace.base.foreign_code import finite_number, foreign_code, import_plugin
+from lidarplace.base.plugin_folders import PLUGINS, Folders, active_folders
 
 T = TypeVar("T")
-
-FOLDERS: list[Path] = []
-"""Of configurations: `package.module:name` is looked up there, then in the current folder."""
 
 _log = logging.getLogger(__name__)
 
@@ -47,18 +44,21 @@ class Registry(Mapping[str, T]):
         self, group: str, own: Mapping[str, T], fits: Callable[[Any], bool] = callable
     ) -> None:
         self.own, self.group, self._fits = dict(own), group, fits
-        self._added: dict[str, T] = {}
+        self._added: dict[Folders, dict[str, T]] = {}
 
     def __getitem__(self, name: str) -> T:
-        if name not in self.own and name not in self._added:
-            self._added[name] = self._load(name)
-        return self.own[name] if name in self.own else self._added[name]
+        if name in self.own:
+            return self.own[name]
+        added = self._added.setdefault(active_folders(), {})
+        if name not in added:
+            added[name] = self._load(name)
+        return added[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter((*self.own, *self._added))
+        return iter((*self.own, *self._added.get(active_folders(), ())))
 
     def __len__(self) -> int:
-        return len(self.own) + len(self._added)
+        return sum(1 for _ in self)
 
     def path(self, name: str) -> str | None:
         """The `package.module:name` of a plug-in; None: it is ours, or nobody provides it.
@@ -74,15 +74,13 @@ class Registry(Mapping[str, T]):
             return f"{found[0].module}:{found[0].attr}"
         if name in self.own or ":" not in name:
             return None
-        folders = (str(folder) for folder in (*FOLDERS, Path.cwd()))
-        sys.path += [folder for folder in dict.fromkeys(folders) if folder not in sys.path]
         PLUGINS.setdefault(name.partition(":")[0].partition(".")[0], None)
         return name
 
-    def roots(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Dotted paths of the plug-ins among `names`, whose code decides results."""
+    def modules(self, names: Iterable[str]) -> tuple[str, ...]:
+        """List the modules of the plug-ins among `names`, whose code decides results."""
         paths = (self.path(name) for name in names if name not in self.own)
-        return tuple(path.replace(":", ".") for path in paths if path is not None)
+        return tuple(path.partition(":")[0] for path in paths if path is not None)
 
     def installed(self) -> dict[str, T]:
         """Ours and those of all installed packages; one warning for each that is broken."""

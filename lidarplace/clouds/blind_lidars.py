@@ -11,7 +11,7 @@ from lidarplace.clouds.own_body import sedan
 from lidarplace.clouds.raycast import along, rays_of
 from lidarplace.mounting.housing import housing_around, housings_in, turned
 from lidarplace.mounting.sight import Obstacles, obstacles_of, stopped
-from lidarplace.mounting.vehicle import Vehicle, poses_of
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 
 OBJECTS_M = 2.0
@@ -31,7 +31,7 @@ def blind_lidars(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> list[int]
     floor = max(roi.z[0], 0.0)
     low = np.array([roi.x[0], roi.y[0], floor])
     high = np.array([roi.x[1], roi.y[1], min(roi.z[1], floor + OBJECTS_M)])
-    poses, housings, blind = poses_of(vehicle or sedan()), housings_in(rig), []
+    poses, housings, blind = (vehicle or sedan()).poses, housings_in(rig), []
     obstacles = [obstacles_of(pose, housings) for pose in poses.values()]
     for number, (mount, lidar) in enumerate(zip(rig.mounts, rig.lidars, strict=True)):
         frames = range(1 if lidar.pattern is None else lidar.pattern.frames)

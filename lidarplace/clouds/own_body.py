@@ -11,9 +11,10 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.number_text import point
 from lidarplace.clouds.convex import fill_corners
 from lidarplace.clouds.shapes import BODY, Parts, between, bricks, own_body
+from lidarplace.mounting.limits import Limits, MountedSensors, check
 from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.trailer import FACES, BendingVehicle
-from lidarplace.mounting.vehicle import Vehicle, body_of, depth_in_body
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 
 _SEDAN = own_body()
@@ -36,11 +37,12 @@ def sedan() -> Vehicle:
 
 def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
     """Raise ValueError if a LiDAR of the rig is inside of the body of its vehicle."""
-    places = np.array([mount.position for mount in rig.mounts])
-    held = depth_in_body(sedan() if vehicle is None else vehicle, places) > 0
-    if held.any():
-        number, what = int(held.argmax()), "body, which the key vehicle describes"
-        if vehicle is not None and isinstance(body_of(vehicle), BendingVehicle):
+    body = sedan() if vehicle is None else vehicle
+    for inside in check(MountedSensors(rig.mounts, rig.lidars), Limits(body=body), body):
+        (number,) = inside.lidars
+        what = "body, which the key vehicle describes"
+        if isinstance(body.body, BendingVehicle):
             what = "body, or on or in the way of its trailer; expected a place on the tractor"
-        wrong = f"LiDAR {number + 1} at {point(*places[number])} is inside the vehicle's {what}"
+        place = point(*rig.mounts[number].position)
+        wrong = f"LiDAR {number + 1} at {place} is inside the vehicle's {what}"
         raise InputError(wrong, place=repr(rig.name))

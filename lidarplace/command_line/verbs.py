@@ -6,7 +6,7 @@ import json
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from typing import Annotated, Any, NoReturn, TypeVar
 
@@ -15,6 +15,7 @@ from typer.core import TyperCommand
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.optional import needs
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.base.ranges import Range
 from lidarplace.command_line.signals import exit_code_of, stopped_by_signals
 from lidarplace.command_line.terminal import say, visible
@@ -47,9 +48,15 @@ class Verb(TyperCommand):
             raise
 
     def invoke(self, ctx: Any) -> Any:
-        """Run it. Ctrl-C is one line and exit code 130, SIGTERM the same and 143."""
+        """Run the command; plug-ins are imported from the folder of its argument `config`, too.
+
+        Ctrl-C is one line and exit code 130, SIGTERM the same and 143."""
+        config = ctx.params.get("config")
         try:
-            with stopped_by_signals():
+            with (
+                stopped_by_signals(),
+                nullcontext() if config is None else plugin_folder(config.parent),
+            ):
                 result = super().invoke(ctx)
             sys.stdout.flush()  # here, where typer takes care of a reader that has gone
         except KeyboardInterrupt as stop:

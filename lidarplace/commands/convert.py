@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,9 +13,11 @@ from typer.core import TyperGroup
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.base.registry import PluginError, Registry
+from lidarplace.command_line.option_groups import with_option_group
 from lidarplace.command_line.terminal import say
 from lidarplace.command_line.verbs import checked_input, known, new_app, verb, within, wrong
-from lidarplace.commands.convert_output import KEEP, LEVEL, Real, convert_log, model
+from lidarplace.commands.convert_options import DataSetOptions, RigOptions
+from lidarplace.commands.convert_output import convert_log
 from lidarplace.files.atomic import read_text
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.scenes.datasets.argoverse import CLOUDS_ORIGIN, read_argoverse
@@ -29,17 +32,17 @@ from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
 from lidarplace.scenes.label_tables.propose import propose_mapping
 from lidarplace.scenes.label_tables.read import read_label_table
 from lidarplace.scenes.label_tables.units import SECONDS
-from lidarplace.scenes.sanity_checks.boxes import doubts_of_degrees
-from lidarplace.scenes.sanity_checks.check_log import check_log, doubts_of_log, error_of
+from lidarplace.scenes.sanity_checks.boxes import implausible_degrees
+from lidarplace.scenes.sanity_checks.check_log import check_log, error_of, implausible_values
 
 Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
 
 READERS: Registry[Callable[[Path, Counter[str]], BoxLog]] = Registry("lidarplace.readers", {})
-"""What other packages read: a function of a path and of the boxes left out by class."""
+"""Readers of other packages: a function of a path and of the boxes left out by class."""
 
 
 class _Readers(TyperGroup):
-    """Has a command for each reader of another package, which its docstring describes."""
+    """Group with a command for each reader of another package, which its docstring describes."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return [*super().list_commands(ctx), *READERS.installed()]
@@ -66,9 +69,9 @@ class _Readers(TyperGroup):
             convert_log(log, source, out)
 
         convert.__doc__ = read.__doc__
-        own = new_app()
-        verb(own, "SOURCE OUT", name=name)(convert)
-        return typer.main.get_command(own)
+        app_of_reader = new_app()
+        verb(app_of_reader, "SOURCE OUT", name=name)(convert)
+        return typer.main.get_command(app_of_reader)
 
 
 app = new_app(
@@ -77,79 +80,13 @@ app = new_app(
     help="Write the box log of a data set or a table: the folder that a sweep takes as its scene.",
 )
 
-ClassMapOption = Annotated[
-    str,
-    typer.Option(
-        "--class-map",
-        metavar="paper|own|FILE",
-        help="paper: Car, Cyclist (with trucks) and Pedestrian, as the paper groups them; own: "
-        "names of the data set; or a YAML file of lines `category: class`, "
-        "where class is any name, or ignore. Other categories keep the paper's grouping.",
-    ),
-]
-
-KeepIgnoredOption = Annotated[
-    bool,
-    typer.Option(
-        "--keep-ignored",
-        help="keep boxes of ignored categories as class Other: they hide objects behind them, "
-        "and count in no other class",
-    ),
-]
-
-GroundOption = Annotated[
-    str,
-    typer.Option(
-        "--ground",
-        metavar=f"{KEEP}|{LEVEL}",
-        help="keep: do not change heights of boxes; level: move boxes to the ground z = 0, by the "
-        "median underside of nearby boxes in each frame",
-    ),
-]
-CloudsOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--clouds",
-        help="folder of the recorded clouds: count their points in boxes by LiDAR, and store "
-        "them in OUT/clouds/recorded",
-    ),
-]
-WorldOption = Annotated[
-    bool,
-    typer.Option(
-        "--world",
-        help="with --clouds: build the static world of unlabelled static objects, and the "
-        "ground; simulated rays stop there",
-    ),
-]
-RigOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--rig",
-        help="YAML file of mounts with names and models: the rig that recorded the log; "
-        "`lidarplace rig` converts files of other tools",
-    ),
-]
-LidarOption = Annotated[
-    str | None,
-    typer.Option(
-        "--lidar", help="LiDAR model of the recording, from `lidarplace sensors`, such as vlp16"
-    ),
-]
-
-
-def _boxes(
-    ignored: Counter[str], class_map: str, lidar: str | None, keep_ignored: bool
-) -> dict[str, Any]:
-    """What readers of data sets are asked alike."""
-    classes, own = named_class_map(class_map), model(lidar)
-    return {"ignored": ignored, "class_map": classes, "lidar": own, "keep_ignored": keep_ignored}
-
 
 @verb(app, "data/nuscenes logs/nuscenes --version v1.0-mini")
+@with_option_group()
 def nuscenes(
     source: Annotated[Path, typer.Argument(help="folder v1.0-… of tables, or its parent")],
     out: Out,
+    options: DataSetOptions,
     version: Annotated[str | None, typer.Option(help="such as v1.0-trainval")] = None,
     test_share: Annotated[
         float, typer.Option(help="share of the recordings for testing", callback=within(SHARE))
@@ -158,69 +95,56 @@ def nuscenes(
         Path | None,
         typer.Option(help="text file with one test scene per line, instead of --test-share"),
     ] = None,
-    class_map: ClassMapOption = PAPER,
-    keep_ignored: KeepIgnoredOption = False,
-    lidar: LidarOption = None,
-    clouds: CloudsOption = None,
-    world: WorldOption = False,
-    ground: GroundOption = KEEP,
 ) -> None:
     """nuScenes v1.0, its annotated key frames."""
 
     def read(ignored: Counter[str]) -> BoxLog:
-        own = _boxes(ignored, class_map, lidar, keep_ignored)
         test = read_text(test_scenes).split() if test_scenes else test_share
-        return read_nuscenes(source, version=version, test_scenes=test, **own)
+        arguments = options.arguments(ignored)
+        return read_nuscenes(source, version=version, test_scenes=test, **arguments)
 
-    convert_log(read, source, out, Real(ground, clouds, world=world))
+    convert_log(read, source, out, options)
 
 
 @verb(app, "data/av2/sensor logs/av2 --split val")
+@with_option_group()
 def argoverse(
     source: Annotated[Path, typer.Argument(help="folder that holds train and val")],
     out: Out,
+    options: DataSetOptions,
     split: Annotated[
         list[str] | None, typer.Option(help="train, val or test; by default train and val")
     ] = None,
-    class_map: ClassMapOption = PAPER,
-    keep_ignored: KeepIgnoredOption = False,
-    lidar: LidarOption = None,
-    clouds: CloudsOption = None,
-    world: WorldOption = False,
-    ground: GroundOption = KEEP,
 ) -> None:
     """Argoverse 2 sensor data set; train stays train, val becomes test."""
 
     def read(ignored: Counter[str]) -> BoxLog:
-        own = _boxes(ignored, class_map, lidar, keep_ignored)
-        return read_argoverse(source, splits=split or (), **own)
+        return read_argoverse(source, splits=split or (), **options.arguments(ignored))
 
-    convert_log(read, source, out, Real(ground, clouds, CLOUDS_ORIGIN, world=world))
+    convert_log(read, source, out, options, CLOUDS_ORIGIN)
 
 
 @verb(app, "data/waymo logs/waymo")
+@with_option_group("clouds", "world")
 def waymo(
     source: Annotated[Path, typer.Argument(help="folder that holds training and validation")],
     out: Out,
+    options: DataSetOptions,
     split: Annotated[
         list[str] | None,
         typer.Option(help="training, validation or testing; by default the first two"),
     ] = None,
-    class_map: ClassMapOption = PAPER,
-    keep_ignored: KeepIgnoredOption = False,
-    lidar: LidarOption = None,
-    ground: GroundOption = KEEP,
 ) -> None:
     """Waymo perception data set v2, tables of Parquet; validation becomes test."""
 
     def read(ignored: Counter[str]) -> BoxLog:
-        own = _boxes(ignored, class_map, lidar, keep_ignored)
-        return read_waymo(source, splits=split or (), **own)
+        return read_waymo(source, splits=split or (), **options.arguments(ignored))
 
-    convert_log(read, source, out, Real(ground))
+    convert_log(read, source, out, options)
 
 
 @verb(app, "data/openlabel logs/openlabel --origin -1.4 0 0.3 --test drive_2")
+@with_option_group()
 def openlabel(
     source: Annotated[Path, typer.Argument(help="a file, or a folder with one file per drive")],
     out: Out,
@@ -230,6 +154,7 @@ def openlabel(
             metavar="X Y Z", help="origin of the file's vehicle frame in our ego frame, metres"
         ),
     ],
+    options: RigOptions,
     vehicle: Annotated[
         str | None,
         typer.Option(help="the vehicle's coordinate system; by default the one of type local_cs"),
@@ -238,12 +163,6 @@ def openlabel(
         str, typer.Option(metavar="|".join(SECONDS), help="of time stamps that are numbers")
     ] = "s",
     test: Annotated[list[str] | None, typer.Option(help="name of a test drive; repeatable")] = None,
-    class_map: ClassMapOption = PAPER,
-    rig: RigOption = None,
-    lidar: LidarOption = None,
-    clouds: CloudsOption = None,
-    world: WorldOption = False,
-    ground: GroundOption = KEEP,
 ) -> None:
     """Cuboids of ASAM OpenLABEL 1.0."""
 
@@ -255,11 +174,11 @@ def openlabel(
             vehicle=vehicle,
             seconds=known("time-unit", time_unit, units),
             test=test or (),
-            class_map=named_class_map(class_map),
+            class_map=named_class_map(options.class_map),
             ignored=ignored,
         )
 
-    convert_log(read, source, out, Real(ground, clouds, origin, world, rig, lidar))
+    convert_log(read, source, out, options, origin)
 
 
 @verb(
@@ -269,10 +188,12 @@ def openlabel(
     "labels.csv --mapping map.yaml --preview first.html",
     "labels.csv logs/labels --mapping map.yaml",
 )
+@with_option_group()
 def table(
     source: Annotated[
         Path, typer.Argument(help="table of boxes (.parquet, .csv), or folder of boxes and frames")
     ],
+    options: RigOptions,
     out: Annotated[
         Path | None,
         typer.Argument(help="folder of the box log; not needed with --propose or --preview"),
@@ -281,7 +202,6 @@ def table(
         str | None,
         typer.Option(help="table of all frames, or their number; empty frames count, too"),
     ] = None,
-    class_map: ClassMapOption = PAPER,
     mapping: Annotated[
         Path | None, typer.Option(help="YAML file that maps the columns of another table")
     ] = None,
@@ -294,11 +214,6 @@ def table(
             help="write a page of the first frames from above, before anything else is written"
         ),
     ] = None,
-    rig: RigOption = None,
-    lidar: LidarOption = None,
-    clouds: CloudsOption = None,
-    world: WorldOption = False,
-    ground: GroundOption = KEEP,
 ) -> None:
     """Your own tables, with the columns of box logs, or with any others and a mapping.
 
@@ -306,43 +221,42 @@ def table(
     other columns --propose writes a mapping to correct.
     """
     if propose is not None:
-        others = (out, frames, mapping, preview, rig, clouds)
-        if class_map != PAPER or any(given is not None for given in others):
+        others = (out, frames, mapping, preview, options.rig, options.clouds)
+        if options.class_map != PAPER or any(other is not None for other in others):
             wrong("--propose only writes a mapping; remove OUT and other options")
         _propose(source, propose)
         return
-    if mapping is not None and (frames is not None or class_map != PAPER):
+    if mapping is not None and (frames is not None or options.class_map != PAPER):
         wrong("--mapping: defines frames and classes; remove --frames and --class-map")
     if out is None and preview is None:
         wrong("OUT: name the folder of the box log to write")
     with checked_input():
-        meaning = None if mapping is None else read_mapping(mapping)
+        columns = None if mapping is None else read_mapping(mapping)
 
     def read(ignored: Counter[str]) -> BoxLog:
-        if meaning is not None:
-            return read_label_table(source, meaning, ignored)
-        every: int | Path | None = None
+        if columns is not None:
+            return read_label_table(source, columns, ignored)
+        number_or_table: int | Path | None = None
         if frames:
-            every = int(frames) if frames.isdecimal() else Path(frames)
-        classes = named_class_map(class_map)
-        return read_tabular(source, frames=every, class_map=classes, ignored=ignored)
+            number_or_table = int(frames) if frames.isdecimal() else Path(frames)
+        classes = named_class_map(options.class_map)
+        return read_tabular(source, frames=number_or_table, class_map=classes, ignored=ignored)
 
-    def check(log: BoxLog, source: Path) -> list[str]:
+    def check(log: BoxLog) -> list[str]:
         if preview is not None:
-            from lidarplace.viewing.from_above import write_from_above
+            _draw(log, source, preview)
+        return _check(log, source, columns)
 
-            write_from_above(preview, log, f"{source.name}: the first frames from above")
-            say(preview)
-        return _check(log, source, meaning)
-
-    at = [0.0 if meaning is None else getattr(meaning.origin, axis) for axis in "xyz"]
-    convert_log(read, source, out, Real(ground, clouds, at, world, rig, lidar), check)
+    origin = [0.0 if columns is None else getattr(columns.origin, axis) for axis in "xyz"]
+    convert_log(read, source, out, options, origin, check=check)
 
 
 @verb(app, "data/kitti logs/kitti --skip-bad")
+@with_option_group()
 def kitti(
     source: Annotated[Path, typer.Argument(help="folder of label_2 and calib, or its parent")],
     out: Out,
+    options: DataSetOptions,
     standard_calibration: Annotated[
         bool, typer.Option(help="for frames without calib, use KITTI's usual camera")
     ] = False,
@@ -355,12 +269,6 @@ def kitti(
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="skip invalid files, and list them")
     ] = False,
-    class_map: ClassMapOption = PAPER,
-    keep_ignored: KeepIgnoredOption = False,
-    lidar: LidarOption = None,
-    clouds: CloudsOption = None,
-    world: WorldOption = False,
-    ground: GroundOption = KEEP,
 ) -> None:
     """KITTI's object layout, as `export` writes it; labels are enough."""
     skipped: list[str] = []
@@ -371,14 +279,15 @@ def kitti(
             standard_calibration=standard_calibration,
             lidar_height=lidar_height,
             skipped=skipped if skip_bad else None,
-            **_boxes(ignored, class_map, lidar, keep_ignored),
+            **options.arguments(ignored),
         )
 
+    store_clouds = options.clouds is not None
     with checked_input():
-        own = source if part(source, "velodyne").is_dir() else None
-    convert_log(
-        read, source, out, Real(ground, clouds or own, world=world, kept=clouds is not None)
-    )
+        velodyne = part(source, "velodyne")
+        if not store_clouds and velodyne.is_dir():
+            options = replace(options, clouds=velodyne)
+    convert_log(read, source, out, options, store_clouds=store_clouds)
     if skipped:
         say("\n".join([f"skipped {len(skipped)}:", *map(str, skipped)]))
 
@@ -396,15 +305,23 @@ def _propose(source: Path, path: Path) -> None:
     say(path)
 
 
+def _draw(log: BoxLog, source: Path, path: Path) -> None:
+    from lidarplace.viewing.from_above import write_from_above
+
+    write_from_above(path, log, f"{source.name}: the first frames from above")
+    say(path)
+
+
 def _check(log: BoxLog, source: Path, mapping: TableMapping | None) -> list[str]:
-    """Raise InputError for implausible values, and name the key of the mapping to change. Without a
-    mapping, which may accept them, those that are not certain are warnings."""
+    """Raise InputError for implausible values, and name the key of the mapping to change.
+
+    Without a mapping, which may accept them, those that are not certain are warnings."""
     if mapping is None:
         return check_log(log, source, fix="change {remedy} of a mapping (--propose begins one)")
-    of_degrees = doubts_of_degrees(log) if mapping.units.angle == "deg" else ()
-    for doubt in chain(of_degrees, doubts_of_log(log)):
-        if doubt.check not in mapping.accept:
-            accept = f"accept: [{doubt.check}]"
+    of_degrees = implausible_degrees(log) if mapping.units.angle == "deg" else ()
+    for value in chain(of_degrees, implausible_values(log)):
+        if value.check not in mapping.accept:
+            accept = f"accept: [{value.check}]"
             fix = f"change {{remedy}} of the mapping, or accept the value: {accept}"
-            raise error_of(doubt, log, source, mapping.column(doubt.column), fix)
+            raise error_of(value, log, source, mapping.column(value.column), fix)
     return []

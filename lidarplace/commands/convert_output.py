@@ -1,11 +1,10 @@
-"""What becomes of a log that was read: real points, rig and ground, its folder and its tables."""
+"""Output of a conversion: real points, rig and ground of a log, its folder and its tables."""
 
 import shutil
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,101 +12,72 @@ import numpy as np
 from rich.table import Table
 
 from lidarplace.base.class_names import counts_of
-from lidarplace.base.errors import InputError, at
+from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import read_clouds
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import checked_input, known
+from lidarplace.commands.convert_options import KEEP, LEVEL, LogOptions
 from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import CLASSES, POINTS, points_of
 from lidarplace.logs.world import CELL_M, TILE_M
-from lidarplace.rig_files.mounted import check_lidars, lidars_in
-from lidarplace.rig_files.own import read_own
-from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import Placement
-from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.rigs.rotations import order_caution
 from lidarplace.scenes.ground_level import OFF, OFF_M, levelled, off_ground
 from lidarplace.scenes.real_clouds import count_real_points
 from lidarplace.scenes.sanity_checks.check_log import check_log
-from lidarplace.scenes.static_world import static_worlds
+from lidarplace.scenes.static_world.world_builder import static_worlds
 
 RECORDED = Path("clouds") / "recorded"
-"""Of a log's folder: its real clouds, a folder each scene."""
-
-KEEP, LEVEL = "keep", "level"
-
-
-@dataclass(frozen=True)
-class Real:
-    """What options say of the real vehicle and world; for `origin` see `count_real_points`. The
-    static `world` is built of the clouds; if these are not `kept`, a wrong one is a warning. `rig`
-    is the file of the rig of all scenes, `lidar` the model of mounts without one."""
-
-    ground: str
-    clouds: Path | None = None
-    origin: Sequence[float] | None = None
-    world: bool = False
-    rig: Path | None = None
-    lidar: str | None = None
-    kept: bool = True
-
-
-def model(name: str | None) -> Lidar | None:
-    """The LiDAR of the catalogue that `--lidar` names. Raises ValueError if there is none."""
-    with at("--lidar"):
-        return None if name is None else Lidar.named(name)
-
-
-def _read_rig(path: Path | None, lidar: str | None) -> RecordedRig | None:
-    """The rig in a file of mounts, with `lidar` where a mount has no model."""
-    if path is None:
-        if lidar is not None:
-            raise InputError("is the model of a rig", place="--lidar", fix="name its file: --rig")
-        return None
-    mounted = lidars_in(read_own(path))
-    check_lidars(mounted, str(path))
-    models = []
-    for each in mounted:
-        own = model(lidar) if each.model is None else each.model.lidar()
-        if own is None:
-            fix = "name one with --lidar"
-            raise InputError(f"{each.name} has no model", place=path, fix=fix)
-        models.append(own)
-    placement = Placement(path.stem, [each.mount for each in mounted], models)
-    return RecordedRig(tuple(each.name for each in mounted), placement)
+"""Folder in a log's folder of its real clouds, a folder each scene."""
 
 
 def convert_log(
     read: Callable[[Counter[str]], BoxLog],
     source: Path,
     out: Path | None,
-    real: Real = Real(KEEP),
-    check: Callable[[BoxLog, Path], list[str]] | None = None,
+    options: LogOptions = LogOptions(),
+    origin: Sequence[float] | None = None,
+    check: Callable[[BoxLog], list[str]] | None = None,
+    store_clouds: bool = True,
 ) -> None:
-    """Read a log, write it to `out` if given, and print what is in it; a mistake ends with code 2.
-    `check` returns warnings of implausible values, or raises InputError; by default `check_log`."""
+    """Read a log, write it to `out` if given, and print what is in it.
+
+    Args:
+        read: reads the log, and counts the boxes left out by category.
+        source: names the source in messages.
+        out: folder to write.
+        options: of the command.
+        origin: of the clouds, see `count_real_points`.
+        check: returns warnings of implausible values, or raises InputError; None: `check_log`.
+        store_clouds: whether clouds are stored; if not, invalid ones are a warning.
+
+    An error of the input ends the program with exit code 2.
+    """
     ignored: Counter[str] = Counter()
     notes: list[str] = []
     with checked_input():
-        rig = _read_rig(real.rig, real.lidar)
-        level = known("ground", real.ground, {KEEP: False, LEVEL: True})
+        rig = options.recorded_rig()
+        level = known("ground", options.ground, {KEEP: False, LEVEL: True})
         log = read(ignored)
-        look = check or partial(check_log, fix="check {remedy} of the source")
-        cautions = look(log, source)
+        fix = "check {remedy} of the source"
+        cautions = check_log(log, source, fix=fix) if check is None else check(log)
         for recorded in {rig.names: rig for rig in log.rigs.values()}.values():
             matrices = np.stack([mount.rotation for mount in recorded.placement.mounts])
             cautions += order_caution(recorded.names, matrices)
         if rig is not None:
             log = replace(log, rigs=dict.fromkeys(log.frames["scene"].unique(), rig))
-        if real.clouds is not None:
-            log = _counted(log, real, out, notes)
-        if real.world:
-            log = _with_world(log, real, out, notes)
+        stored = out / RECORDED if store_clouds and options.clouds and out is not None else None
+        if options.clouds is not None:
+            if store_clouds and level:
+                wrong = "moves boxes away from the real points of --clouds"
+                raise InputError(wrong, place="--ground level")
+            log = _count_points(log, options.clouds, origin, stored, store_clouds, notes)
+        if options.world:
+            log = _with_world(log, stored, notes)
         tables = list(_tables(log, ignored))
         if level:
             log = _levelled(log, notes)
         if out is not None:
-            if real.clouds is None or not real.kept:
+            if stored is None:
                 shutil.rmtree(out / RECORDED, ignore_errors=True)  # of a log of before
             write_box_log(out, log)
     for caution in cautions:
@@ -122,17 +92,19 @@ def convert_log(
         say(out)
 
 
-def _counted(log: BoxLog, real: Real, out: Path | None, notes: list[str]) -> BoxLog:
-    """The log with the points of its clouds; what is wrong is a warning where none are kept."""
-    assert real.clouds is not None
-    if real.kept and real.ground == LEVEL:
-        wrong = "moves boxes away from the real points of --clouds"
-        raise InputError(wrong, place="--ground level")
-    keep = out / RECORDED if real.kept and out is not None else None
+def _count_points(
+    log: BoxLog,
+    clouds: Path,
+    origin: Sequence[float] | None,
+    stored: Path | None,
+    strict: bool,
+    notes: list[str],
+) -> BoxLog:
+    """Count the points of the log's clouds; unless `strict`, an error is a warning."""
     try:
-        log, number = count_real_points(log, real.clouds, real.origin, keep)
+        log, number = count_real_points(log, clouds, origin, stored)
     except ValueError as error:
-        if real.kept:
+        if strict:
             raise
         say(f"warning: no points are counted: {error}", sys.stderr)
         return log
@@ -143,12 +115,11 @@ def _counted(log: BoxLog, real: Real, out: Path | None, notes: list[str]) -> Box
     return log
 
 
-def _with_world(log: BoxLog, real: Real, out: Path | None, notes: list[str]) -> BoxLog:
-    if real.clouds is None or not real.kept or out is None:
+def _with_world(log: BoxLog, clouds: Path | None, notes: list[str]) -> BoxLog:
+    if clouds is None:
         fix = "name their folder: --clouds"
         raise InputError("is built of recorded clouds", place="--world", fix=fix)
-    folders = sorted((out / RECORDED).iterdir())
-    log = replace(log, world=static_worlds(log, map(read_clouds, folders)))
+    log = replace(log, world=static_worlds(log, map(read_clouds, sorted(clouds.iterdir()))))
     cells = sum(len(world.keys) for world in log.world.values())
     tiles = sum(len(world.tiles) for world in log.world.values())
     notes.append(
@@ -174,7 +145,7 @@ def _levelled(log: BoxLog, notes: list[str]) -> BoxLog:
 
 
 def _rig_notes(log: BoxLog) -> list[str]:
-    """Which rigs recorded the log; that none is known, where there are real points."""
+    """Note which rigs recorded the log, or that none is known, where there are real points."""
     scenes = log.frames["scene"].nunique()
     rigs = Counter(", ".join(rig.names) for rig in log.rigs.values())
     if not rigs and POINTS in log.boxes:
@@ -183,22 +154,21 @@ def _rig_notes(log: BoxLog) -> list[str]:
 
 
 def _tables(log: BoxLog, ignored: Counter[str]) -> Iterator[Table]:
-    """Frames, boxes and, if there are any, real points and boxes off the ground."""
+    """Yield frames, boxes and, if there are any, real points and boxes off the ground."""
     filled = log.frames["frame"].isin(log.boxes["frame"])
     split_of_box = log.boxes["frame"].map(log.frames.set_index("frame")["split"])
     boxes = split_of_box.value_counts()
-    rows: list[Sequence[Any]] = [
-        (split, own["scene"].nunique(), len(own), (~filled[own.index]).sum(), boxes.get(split, 0))
-        for split, own in log.frames.groupby("split")
-    ]
+    rows: list[Sequence[Any]] = []
+    for split, frames in log.frames.groupby("split"):
+        empty = (~filled[frames.index]).sum()
+        rows.append((split, frames["scene"].nunique(), len(frames), empty, boxes.get(split, 0)))
     yield _counts("Frames", ("split", "scenes", "frames", "empty frames", "boxes"), rows)
     counts = dict.fromkeys(CLASSES, 0) | counts_of(log.boxes["class"])
     counts |= {f"ignored: {name}": count for name, count in ignored.most_common()}
     yield _counts("Boxes", ("class", "boxes"), counts.items())
     if POINTS in log.boxes:
         columns = [("all", POINTS), *points_of(log.boxes).items()]
-        found = ((name, log.boxes[column]) for name, column in columns)
-        points = [(name, own.count(), round(own.sum())) for name, own in found]
+        points = [(n, log.boxes[c].count(), round(log.boxes[c].sum())) for n, c in columns]
         yield _counts("Real points", ("LiDAR", "boxes counted", "points"), points)
     ground = off_ground(log)
     if ground[list(OFF)].to_numpy().any():
@@ -207,5 +177,5 @@ def _tables(log: BoxLog, ignored: Counter[str]) -> Iterator[Table]:
 
 
 def _counts(title: str, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
-    """A table of whole numbers but for the first column."""
+    """Make a table of whole numbers but for the first column."""
     return table(title, head, ((row[0], *map("{:,}".format, row[1:])) for row in rows))

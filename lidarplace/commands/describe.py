@@ -1,4 +1,4 @@
-"""What is in a box log: `lidarplace describe LOG …`."""
+"""Contents of a box log: `lidarplace describe LOG …`."""
 
 import json
 from pathlib import Path
@@ -23,7 +23,8 @@ REGIONS = {
 
 
 def describe(log: BoxLog) -> pd.DataFrame:
-    """Frames, and objects per frame whose centre is in each of `REGIONS`, by scene and split.
+    """Count frames, and objects per frame whose centre is in each of `REGIONS`, by scene and split.
+
     Returns columns scene, split, routes, frames, and for every region and class a mean number of
     objects per frame, `<region> <class>`; the last row is the whole log."""
     classes = list(dict.fromkeys(CLASSES) | counts_of(log.boxes["class"]))
@@ -46,9 +47,9 @@ def describe(log: BoxLog) -> pd.DataFrame:
 
 def print_description(log: BoxLog, title: str) -> None:
     """Print `describe(log)` as a table."""
-    found = describe(log)
-    rows = found.map(lambda cell: f"{cell:.2f}" if isinstance(cell, float) else cell).to_numpy()
-    head = found.columns.tolist()
+    counts = describe(log)
+    rows = counts.map(lambda cell: f"{cell:.2f}" if isinstance(cell, float) else cell).to_numpy()
+    head = counts.columns.tolist()
     output().print(table(f"{title}: objects per frame", head, rows, words={"split"}))
 
 
@@ -62,10 +63,10 @@ def main(
     Counts objects with their centre in the paper's region of interest, and in its front half.
     """
     with checked_input():
-        read = {str(folder): read_box_log(folder) for folder in logs}
+        box_logs = {str(folder): read_box_log(folder) for folder in logs}
     if as_json:
-        how: Any = {"orient": "records", "double_precision": 15}  # null for what is not known
-        print_json({n: json.loads(describe(log).to_json(**how)) for n, log in read.items()})
+        form: Any = {"orient": "records", "double_precision": 15}  # null for what is not known
+        print_json({n: json.loads(describe(log).to_json(**form)) for n, log in box_logs.items()})
         return
-    for name, log in read.items():
+    for name, log in box_logs.items():
         print_description(log, name)

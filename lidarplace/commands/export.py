@@ -1,4 +1,4 @@
-"""Write a box log and its point clouds for other tools: `lidarplace export LOG OUT`."""
+"""Export of a box log and its point clouds for other tools: `lidarplace export LOG OUT`."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -90,41 +90,34 @@ def export(
             wrong = "apply to KITTI's layout only, not to FILE.mcap"
             raise InputError(wrong, place="--all-around and --images")
         crop = crop_of(roi)
-        how = known("profile", profile, PROFILES)
-        rig = how.placement(named_placement(placement, how.lidar))
-        table = read_box_log(log)
-        frames = table.frames
-        if split is not None:
-            frames = frames[frames["split"] == split]
-        if frames.empty:
-            found = ", ".join(sorted(set(table.frames["split"]))) or "no frame"
-            wrong = f"no frame of split {split or 'train or test'}"
-            raise InputError(wrong, place=log, found=found)
-        chosen = replace(table, frames=frames)
-        kept = crop_for(crop[::3], crop[1::3], crop[2::3], rig, how.misaligned_heights)
+        conditions = known("profile", profile, PROFILES)
+        rig = conditions.placement(named_placement(placement, conditions.lidar))
+        chosen = _frames_of(read_box_log(log), split, log)
+        misaligned = conditions.misaligned_heights
+        cloud_crop = crop_for(crop[::3], crop[1::3], crop[2::3], rig, misaligned)
         if recorded:
             check_rig(log / "clouds" / rig.name, rig)
 
-        def portion(some: BoxLog) -> tuple[pd.DataFrame, PointClouds]:
-            numbers = some.frames["frame"].to_numpy(np.int64)
+        def portion(part: BoxLog) -> tuple[pd.DataFrame, PointClouds]:
+            numbers = part.frames["frame"].to_numpy(np.int64)
             if recorded:
-                clouds = recorded_clouds(log / "clouds" / rig.name, numbers, kept)
+                clouds = recorded_clouds(log / "clouds" / rig.name, numbers, cloud_crop)
             else:
-                clouds = collect(some, numbers, rig, kept, seed, how.misaligned_heights)
+                clouds = collect(part, numbers, rig, cloud_crop, seed, misaligned)
             counts["points"] += int(clouds.counts.sum())
-            boxes = some.boxes[centres_in(crop, some.boxes)]
+            boxes = part.boxes[centres_in(crop, part.boxes)]
             counts["boxes"] += len(boxes)
-            return boxes if played else _labels(some, crop, seed, all_around, counts), clouds
+            return boxes if played else _labels(part, crop, seed, all_around, counts), clouds
 
         portions = map(portion, _some_at_a_time(chosen))
         if played:
             from lidarplace.viewing.mcap import write_mcap  # foxglove
 
-            write_mcap(out, frames, portions, rig)
+            write_mcap(out, chosen.frames, portions, rig)
         else:
-            write_kitti(out, frames, portions, images)
-    what = "boxes" if played else "labels"
-    say(f"{out}: {len(frames):,} frames, {counts[what]:,} {what}, {counts['points']:,} points")
+            write_kitti(out, chosen.frames, portions, images)
+    kind, frames = "boxes" if played else "labels", len(chosen.frames)
+    say(f"{out}: {frames:,} frames, {counts[kind]:,} {kind}, {counts['points']:,} points")
     if not played:
         outside = "labelled all the same" if all_around else "left out (--all-around labels them)"
         hidden = counts["boxes"] - counts["seen"]
@@ -134,8 +127,17 @@ def export(
         )
 
 
+def _frames_of(log: BoxLog, split: str | None, folder: Path) -> BoxLog:
+    frames = log.frames if split is None else log.frames[log.frames["split"] == split]
+    if frames.empty:
+        splits = ", ".join(sorted(set(log.frames["split"]))) or "no frame"
+        problem = f"no frame of split {split or 'train or test'}"
+        raise InputError(problem, place=folder, found=splits)
+    return replace(log, frames=frames)
+
+
 def _some_at_a_time(log: BoxLog) -> Iterator[BoxLog]:
-    """Parts of a log, `PORTION` frames each."""
+    """Yield parts of a log, `PORTION` frames each."""
     from rich.progress import track
 
     starts, console = range(0, len(log.frames), PORTION), Terminal(stderr=True)
@@ -148,12 +150,12 @@ def _some_at_a_time(log: BoxLog) -> Iterator[BoxLog]:
 def _labels(
     log: BoxLog, roi: Crop, seed: int, all_around: bool, counts: Counter[str]
 ) -> pd.DataFrame:
-    """Labels of the objects of a log; counts them and those without."""
+    """Label the objects of a log; count them and those without."""
     x0, y0, z0, x1, y1, z1 = roi
     labels = to_labels(ground_truth(log, (x0, x1), (y0, y1), (z0, z1), seed))
-    shown = in_image(labels)
+    visible = in_image(labels)
     counts["seen"] += len(labels)
-    counts["outside"] += int((~shown).sum())
-    labels = labels if all_around else labels[shown]
+    counts["outside"] += int((~visible).sum())
+    labels = labels if all_around else labels[visible]
     counts["labels"] += len(labels)
     return labels

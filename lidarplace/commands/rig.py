@@ -98,71 +98,72 @@ def rig(
             expected = "exactly one YAML file with mounts"
             raise InputError(place=f"{source} and {out}", expected=expected)
         source.stat()  # raises if it is not there, before its frame is asked for
-        known = format_of(source if reads else out, format_)
-        start = _start(known, origin, source if reads else out)
-        if (cameras or radars) and not (reads and known.frames):
+        format_of_file = format_of(source if reads else out, format_)
+        start = _start(format_of_file, origin, source if reads else out)
+        if (cameras or radars) and not (reads and format_of_file.frames):
             wrong = "are for frames that urdf and ros2 are read of"
             raise InputError(wrong, place="--cameras, --radars")
         if reads:
-            found = known.read(source, only or [])
+            sensors = format_of_file.read(source, only or [])
             for patterns, model in ((cameras, CameraSettings), (radars, RadarSettings)):
-                frames = known.read(source, patterns) if patterns else []
-                found += [of_frame(frame, model(z=0.0)) for frame in frames]
+                frames = format_of_file.read(source, patterns) if patterns else []
+                sensors += [of_frame(frame, model(z=0.0)) for frame in frames]
+            sensors = [sensor.moved(*start) for sensor in sensors]
         else:
-            found = read_own(source)
-        lidars = [each.moved(*start) for each in found] if reads else found
-        if not reads and only:
-            raise InputError("applies only when reading another tool's file", place="--only")
-        check_lidars(lidars, str(source))
-        lidars = _with_models(lidars, {"lidar": lidar, "camera": camera, "radar": radar})
-        mounted = lidars_in(lidars)
+            sensors = read_own(source)
+            if only:
+                raise InputError("applies only when reading another tool's file", place="--only")
+        check_lidars(sensors, str(source))
+        sensors = _with_models(sensors, {"lidar": lidar, "camera": camera, "radar": radar})
         if reads:
-            write_own(out, lidars)
+            write_own(out, sensors)
         else:
-            known.write(out, [each.moved(-start[0], -start[1], -start[2]) for each in lidars])
-    alone = len(mounted)
-    if not reads and known.lidars_alone and alone < len(lidars):
-        say(f"left out, as {out} holds LiDARs alone: {len(lidars) - alone} others", sys.stderr)
-    matrices = np.stack([each.mount.rotation for each in mounted])
-    for caution in order_caution([each.name for each in mounted], matrices):
+            back = [-value for value in start]
+            format_of_file.write(out, [sensor.moved(*back) for sensor in sensors])
+    lidars = lidars_in(sensors)
+    others = len(sensors) - len(lidars)
+    if not reads and format_of_file.lidars_alone and others:
+        say(f"left out, as {out} holds LiDARs alone: {others} others", sys.stderr)
+    matrices = np.stack([each.mount.rotation for each in lidars])
+    for caution in order_caution([each.name for each in lidars], matrices):
         say(f"warning: {caution}", sys.stderr)
-    for each in lidars:
-        if each.mount.z < 0:
-            say(f"warning: {each.name} is {-each.mount.z:g} m under the ground", sys.stderr)
-    output().print(table(None, HEAD, map(_row, lidars)))
+    for sensor in sensors:
+        if sensor.mount.z < 0:
+            say(f"warning: {sensor.name} is {-sensor.mount.z:g} m under the ground", sys.stderr)
+    output().print(table(None, HEAD, map(_row, sensors)))
     say(out)
 
 
-def _start(known: RigFormat, origin: Vector | None, path: Path) -> Vector:
-    found = known.origin if origin is None else origin
-    if found is None:
+def _start(rig_format: RigFormat, origin: Vector | None, path: Path) -> Vector:
+    start = rig_format.origin if origin is None else origin
+    if start is None:
         ego = "our ego frame, which is on the ground under the centre"
         fix = f"set it in {ego}: --origin -1.4 0 0.3 for a rear axle"
         raise InputError("unknown origin of its vehicle frame", place=path, fix=fix)
-    if not all(abs(value) <= 100 for value in found):
-        values = " ".join(map(str, found))
+    if not all(abs(value) <= 100 for value in start):
+        values = " ".join(map(str, start))
         raise InputError(place="--origin", expected="numbers within 100 m", found=values)
-    return found
+    return start
 
 
 def _with_models(
     sensors: Sequence[MountedLidar], names: Mapping[str, str | None]
 ) -> list[MountedLidar]:
-    """With models of the catalogue, by kind, where it is not known what a sensor sees."""
-    found, kind = [], "lidar"
+    """Give sensors models of the catalogue, by kind, where it is not known what they see."""
+    with_models, kind = [], "lidar"
     try:
         model = None if names[kind] is None else SensorSettings(name=names[kind])
-        for own in sensors:
-            kind, further = str(own.kind), own.further
+        for sensor in sensors:
+            kind, further = str(sensor.kind), sensor.further
             if further is None:
-                own = replace(own, model=own.model or model)
+                sensor = replace(sensor, model=sensor.model or model)
             elif names[kind] and further.built() is None:
-                said = further.model_dump(include=further.model_fields_set) | {"model": names[kind]}
-                own = replace(own, further=type(further).model_validate(said))
-            found.append(own)
+                keys = further.model_dump(include=further.model_fields_set) | {"model": names[kind]}
+                sensor = replace(sensor, further=type(further).model_validate(keys))
+            with_models.append(sensor)
     except ValidationError as error:
         raise fault(error, f"--{kind}") from None
-    return found
+    return with_models
 
 
 def _row(lidar: MountedLidar) -> tuple[str, ...]:

@@ -13,11 +13,11 @@ from lidarplace.rigs.catalogue.datasheet import Datasheet, catalogue, datasheet
 
 
 class _NamesOrFit(TyperGroup):
-    """Lists the LiDARs that are named, unless the first word is another command."""
+    """Group that lists the LiDARs that are named, unless the first word is another command."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        known = args and (args[0] in self.commands or args[0] == "--help")
-        return super().parse_args(ctx, args if known else ["list", *args])
+        is_command = args and (args[0] in self.commands or args[0] == "--help")
+        return super().parse_args(ctx, args if is_command else ["list", *args])
 
 
 app = new_app(
@@ -30,7 +30,7 @@ HEAD = (
     *("name", "model", "beams", "elevation", "azimuth", "rays"),
     *("range", "at 10 %", "at 80 %", "nearest", "noise", "nm", "kg", "W"),
 )
-"""Degrees and metres."""
+"""Columns of the table, in degrees and metres."""
 
 
 @verb(app, "", "vlp16 at128", "vlp16 --json", name="list")
@@ -62,7 +62,7 @@ def main(
 
 
 def row(sheet: Datasheet) -> tuple[str, ...]:
-    """The cells of `HEAD`."""
+    """Return the cells of `HEAD`."""
     named = sheet.name, f"{sheet.maker} {sheet.model}"
     ranges = sheet.range, sheet.range_10, sheet.range_80, sheet.min_range, sheet.range_noise
     others = sheet.wavelength_nm, sheet.mass_kg, sheet.power_w
@@ -70,7 +70,7 @@ def row(sheet: Datasheet) -> tuple[str, ...]:
 
 
 def _view(sheet: Datasheet) -> tuple[str, str, str]:
-    """Beams, elevations and width in azimuth."""
+    """Return beams, elevations and width in azimuth."""
     if sheet.rosette is not None:
         half = sheet.rosette.field_of_view_deg / 2
         return "rosette", f"{-half:.1f} to {half:.1f}", f"{2 * half:g}"
@@ -80,7 +80,7 @@ def _view(sheet: Datasheet) -> tuple[str, str, str]:
 
 
 def more(sheet: Datasheet) -> Iterator[str]:
-    """Lines of what `row` leaves out."""
+    """Yield lines of what `row` leaves out."""
     if sheet.size_mm is not None:
         yield f"  size: {' × '.join(f'{side:g}' for side in sheet.size_mm)} mm"
     if sheet.accuracy is not None:
@@ -89,7 +89,7 @@ def more(sheet: Datasheet) -> Iterator[str]:
         yield f"  points a second: {sheet.points_per_second:,}"
     if sheet.price_usd is not None:
         yield f"  price: {sheet.price_usd:,g} US dollars"
-    yield from (f"  approximate: {told}" for told in sheet.approximate)
+    yield from (f"  approximate: {value}" for value in sheet.approximate)
     yield from (f"  {source.title}: {source.url}" for source in sheet.sources)
 
 

@@ -1,4 +1,4 @@
-"""The model of a LiDAR from its own clouds: `lidarplace sensors fit CLOUDS`."""
+"""Fit of a LiDAR's model to its own clouds: `lidarplace sensors fit CLOUDS`."""
 
 import math
 import sys
@@ -26,7 +26,7 @@ from lidarplace.rigs.catalogue.datasheet import FRAMES_PER_S, Datasheet, catalog
 from lidarplace.rigs.placement import Mount
 
 MOST_CLOUDS = 10
-"""Of a folder: more sweeps say little more."""
+"""Clouds of a folder that are fitted: more sweeps add little."""
 OTHER_RATE = 0.1
 """Share of the catalogue's steps by which a LiDAR that turns at another rate differs."""
 
@@ -73,41 +73,40 @@ def fit(
         sheet = None if like is None else datasheet(like)
         if sheet is not None and sheet.rosette is not None:
             raise InputError(f"{sheet.name} has no beams that turn", place="--like")
-        found = []
-        for place, sweeps in _by_lidar(_files(clouds), _lidars(rig, mount, origin)).items():
-            own = fit_scan(sweeps)
+        fits = {}
+        for lidar, sweeps in _by_lidar(_files(clouds), _lidars(rig, mount, origin)).items():
+            fits[lidar] = fit_scan(sweeps)
             if sheet is not None:
-                _check_rings(own, sheet, next(iter(sweeps)))
-            beside = sheet or _nearest(own)
-            found.append((place, own, beside, _model(own, sheet)))
+                _check_rings(fits[lidar], sheet, next(iter(sweeps)))
         if out is not None:
-            _write(out, [(place, model) for place, _, _, model in found], rig or mount)
-    for place, own, beside, _ in found:
-        _show(place.name, own, beside)
+            models = {lidar: _model(scan, sheet) for lidar, scan in fits.items()}
+            _write(out, models, rig or mount)
+    for lidar, scan in fits.items():
+        _show(lidar.name, scan, sheet or _nearest(scan))
     if out is not None:
         say(out)
 
 
 def _files(clouds: Sequence[Path]) -> list[Path]:
-    found = []
+    files: list[Path] = []
     for path in clouds:
         inside = [path]
         if path.is_dir():
-            inside = [own for own in files_in(path) if own.name.endswith(CLOUD_SUFFIXES)]
+            inside = [file for file in files_in(path) if file.name.endswith(CLOUD_SUFFIXES)]
         if not inside:
             expected = f"files of {', '.join(CLOUD_SUFFIXES)}"
             raise InputError("no clouds", place=path, expected=expected)
-        found += inside
-    if len(found) > MOST_CLOUDS:
-        say(f"fitted to {MOST_CLOUDS} of {len(found)} clouds, evenly spread", sys.stderr)
-        found = [found[n * len(found) // MOST_CLOUDS] for n in range(MOST_CLOUDS)]
-    return found
+        files += inside
+    if len(files) > MOST_CLOUDS:
+        say(f"fitted to {MOST_CLOUDS} of {len(files)} clouds, evenly spread", sys.stderr)
+        files = [files[n * len(files) // MOST_CLOUDS] for n in range(MOST_CLOUDS)]
+    return files
 
 
 def _lidars(
     rig: Path | None, mount: Pose | None, origin: tuple[float, float, float]
 ) -> list[MountedLidar]:
-    """Of the vehicle in the frame of its clouds, none for clouds in the sensor's frame."""
+    """Return the LiDARs of the vehicle in the frame of its clouds, none for the sensor's frame."""
     if rig is not None and mount is not None:
         raise InputError("names the mounts already", place="--rig", fix="leave --mount out")
     if mount is not None:
@@ -115,45 +114,45 @@ def _lidars(
     if rig is None:
         return []
     if rig.is_dir():
-        known = list(read_box_log(rig).rigs.values())
-        if not known or any(other != known[0] for other in known):
-            problem = "scenes have different rigs" if known else "log has no recorded rig"
+        rigs = list(read_box_log(rig).rigs.values())
+        if not rigs or any(other != rigs[0] for other in rigs):
+            problem = "scenes have different rigs" if rigs else "log has no recorded rig"
             raise InputError(problem, place=f"--rig {rig}", fix="name a pose with --mount")
-        named = zip(known[0].names, known[0].placement.mounts, strict=True)
-        found = [MountedLidar(*own) for own in named]
+        mounts = zip(rigs[0].names, rigs[0].placement.mounts, strict=True)
+        lidars = [MountedLidar(*named_mount) for named_mount in mounts]
     else:
-        found = lidars_in(read_own(rig))
-    return [own.moved(*(-value for value in origin)) for own in found]
+        lidars = lidars_in(read_own(rig))
+    return [lidar.moved(*(-value for value in origin)) for lidar in lidars]
 
 
 def _by_lidar(
     files: Sequence[Path], lidars: Sequence[MountedLidar]
 ) -> dict[MountedLidar, dict[str, pd.DataFrame]]:
-    """The sweeps of each LiDAR in its own frame, by their files."""
-    found: dict[MountedLidar, dict[str, pd.DataFrame]] = {}
+    """Read the sweeps of each LiDAR in its own frame, by their files."""
+    sweeps: dict[MountedLidar, dict[str, pd.DataFrame]] = {}
     for path in files:
         cloud = read_cloud(path)
         parts = cloud.groupby("lidar") if "lidar" in cloud else [(None, cloud)]
         for number, part in parts:
-            place = _place(number, lidars, path)
-            mount = place.mount
+            lidar = _lidar(number, lidars, path)
+            mount = lidar.mount
             points = (part[["x", "y", "z"]].to_numpy(np.float64) - mount.position) @ mount.rotation
-            own = part.assign(**dict(zip("xyz", points.T, strict=True)))
-            name = str(path) if number is None else f"{path}: {place.name}"
-            found.setdefault(place, {})[name] = own
-    if len(found) > 1 and not lidars:
-        wrong, fix = f"{len(found)} LiDARs in one cloud", "name their poses: --rig"
+            name = str(path) if number is None else f"{path}: {lidar.name}"
+            sweep = part.assign(**dict(zip("xyz", points.T, strict=True)))
+            sweeps.setdefault(lidar, {})[name] = sweep
+    if len(sweeps) > 1 and not lidars:
+        wrong, fix = f"{len(sweeps)} LiDARs in one cloud", "name their poses: --rig"
         raise InputError(wrong, place=files[0], fix=fix)
-    return found
+    return sweeps
 
 
-def _place(number: Any, lidars: Sequence[MountedLidar], path: Path) -> MountedLidar:
-    """The LiDAR of a value of column lidar, a name or a number in the order of the rig."""
+def _lidar(number: Any, lidars: Sequence[MountedLidar], path: Path) -> MountedLidar:
+    """Find the LiDAR of a value of column lidar, a name or a number in the order of the rig."""
     if not lidars:
         return MountedLidar("lidar" if number is None else str(number), Mount())
     if number is None and len(lidars) == 1:
         return lidars[0]
-    by_name: Mapping[Any, MountedLidar] = {own.name: own for own in lidars}
+    by_name: Mapping[Any, MountedLidar] = {lidar.name: lidar for lidar in lidars}
     by_number = dict(enumerate(lidars))
     if number not in by_name and number not in by_number:
         wrong = "no column lidar" if number is None else f"unknown LiDAR {number}"
@@ -162,84 +161,84 @@ def _place(number: Any, lidars: Sequence[MountedLidar], path: Path) -> MountedLi
     return by_name[number] if number in by_name else by_number[number]
 
 
-def _check_rings(own: ScanFit, sheet: Datasheet, place: str) -> None:
-    last, most = len(sheet.elevations_deg) - 1, max(*own.rings, *own.left_out)
+def _check_rings(scan: ScanFit, sheet: Datasheet, place: str) -> None:
+    last, most = len(sheet.elevations_deg) - 1, max(*scan.rings, *scan.left_out)
     if most > last:
         problem = f"rings beyond the beams of {sheet.name}"
         raise InputError(problem, place=place, expected=f"0 to {last}", found=most)
 
 
-def _nearest(own: ScanFit) -> Datasheet | None:
-    """The LiDAR of the catalogue with as many beams whose elevations are nearest."""
-    same = [s for s in catalogue().values() if len(s.elevations_deg) == len(own.elevations)]
-    return min(same, key=lambda sheet: float(np.median(_apart(own, sheet))), default=None)
+def _nearest(scan: ScanFit) -> Datasheet | None:
+    """Find the LiDAR of the catalogue with as many beams whose elevations are nearest."""
+    same = [s for s in catalogue().values() if len(s.elevations_deg) == len(scan.elevations)]
+    return min(same, key=lambda sheet: float(np.median(_apart(scan, sheet))), default=None)
 
 
-def _apart(own: ScanFit, sheet: Datasheet) -> Any:
-    """Differences of elevations, degrees: beam by beam, or from the nearest beam."""
-    fitted, stated = np.degrees(own.elevations), np.array(sheet.elevations_deg)
+def _apart(scan: ScanFit, sheet: Datasheet) -> Any:
+    """Return differences of elevations, degrees: beam by beam, or from the nearest beam."""
+    fitted, stated = np.degrees(scan.elevations), np.array(sheet.elevations_deg)
     if len(fitted) == len(stated):
         return np.abs(fitted - stated)
     return np.abs(fitted[:, None] - stated).min(axis=1)
 
 
-def _model(own: ScanFit, sheet: Datasheet | None) -> SensorSettings:
-    known: dict[str, Any] = {
-        "elevations_deg": [round(math.degrees(e), 3) for e in own.elevations],
-        "offsets_m": own.offsets,
-        "azimuth_steps": own.azimuth_steps,
+def _model(scan: ScanFit, sheet: Datasheet | None) -> SensorSettings:
+    keys: dict[str, Any] = {
+        "elevations_deg": [round(math.degrees(e), 3) for e in scan.elevations],
+        "offsets_m": scan.offsets,
+        "azimuth_steps": scan.azimuth_steps,
     }
-    known |= {"range": float(math.ceil(own.range))} if sheet is None else {"name": sheet.name}
-    if own.range_noise is not None:
-        known["range_noise"] = round(own.range_noise, 4)
-    return SensorSettings.model_validate(known)
+    keys |= {"range": float(math.ceil(scan.range))} if sheet is None else {"name": sheet.name}
+    if scan.range_noise is not None:
+        keys["range_noise"] = round(scan.range_noise, 4)
+    return SensorSettings.model_validate(keys)
 
 
-def _write(out: Path, models: Sequence[tuple[MountedLidar, SensorSettings]], posed: object) -> None:
+def _write(out: Path, models: Mapping[MountedLidar, SensorSettings], posed: object) -> None:
     if posed:
-        write_own(out, [MountedLidar(own.name, own.mount, model) for own, model in models])
+        write_own(out, [MountedLidar(at.name, at.mount, model) for at, model in models.items()])
         return
-    ((_, model),) = models
+    (model,) = models.values()
     content = {"lidar": as_written(model)}
     write_text(out, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
 
 
-def _show(name: str, own: ScanFit, sheet: Datasheet | None) -> None:
+def _show(name: str, scan: ScanFit, sheet: Datasheet | None) -> None:
     head = (name, "fitted", "–" if sheet is None else sheet.name)
-    output().print(table(None, head, _rows(own, sheet)))
+    output().print(table(None, head, _rows(scan, sheet)))
     if sheet is not None:
-        apart = _apart(own, sheet)
+        apart = _apart(scan, sheet)
         say(
             f"elevations differ from those of {sheet.name} by {np.median(apart):.3f} degrees in "
             f"the median, {apart.max():.3f} at most"
         )
-        ratio = own.azimuth_steps / sheet.azimuth_steps
+        ratio = scan.azimuth_steps / sheet.azimuth_steps
         rate = FRAMES_PER_S / ratio
         if abs(ratio - 1) > OTHER_RATE:
             say(
-                f"warning: {own.azimuth_steps:,} azimuth steps are {ratio:.2f} of those of "
+                f"warning: {scan.azimuth_steps:,} azimuth steps are {ratio:.2f} of those of "
                 f"{sheet.name} at {FRAMES_PER_S} Hz: it turns at about {rate:.1f} Hz, as "
                 f"{sheet.name}@{rate:.0f}hz does",
                 sys.stderr,
             )
-    if own.left_out:
-        rings = ", ".join(map(str, own.left_out))
+    if scan.left_out:
+        rings = ", ".join(map(str, scan.left_out))
         say(f"warning: rings with too few points are left out: {rings}", sys.stderr)
 
 
-def _rows(own: ScanFit, sheet: Datasheet | None) -> Iterator[tuple[str, str, str]]:
-    degrees = np.degrees(own.elevations)
+def _rows(scan: ScanFit, sheet: Datasheet | None) -> Iterator[tuple[str, str, str]]:
+    degrees = np.degrees(scan.elevations)
     stated = None if sheet is None else np.array(sheet.elevations_deg)
-    rate = "–" if own.rate is None else f"{own.rate:.1f}"
+    rate = "–" if scan.rate is None else f"{scan.rate:.1f}"
     yield "beams", str(len(degrees)), "" if stated is None else str(len(stated))
     yield "elevation, degrees", _ends(degrees), "" if stated is None else _ends(stated)
-    yield "laser offsets, m", _blocks(own.offsets), _blocks(sheet.offsets_m if sheet else None)
-    yield "rays start at, m", " ".join(f"{value:.2f}" for value in own.origin), ""
-    yield "azimuth steps", f"{own.azimuth_steps:,}", f"{sheet.azimuth_steps:,}" if sheet else ""
+    yield "laser offsets, m", _blocks(scan.offsets), _blocks(sheet.offsets_m if sheet else None)
+    yield "rays start at, m", " ".join(f"{value:.2f}" for value in scan.origin), ""
+    yield "azimuth steps", f"{scan.azimuth_steps:,}", f"{sheet.azimuth_steps:,}" if sheet else ""
     yield "rate, Hz", rate, str(FRAMES_PER_S) if sheet else ""
-    yield "range noise, m", _number(own.range_noise), _number(sheet.range_noise if sheet else None)
-    yield "range, m", f"{own.range:.0f}", f"{sheet.range:g}" if sheet else ""
-    yield "returns, %", f"{100 * own.share:.0f}", ""
+    yield "range noise, m", _number(scan.range_noise), _number(sheet.range_noise if sheet else None)
+    yield "range, m", f"{scan.range:.0f}", f"{sheet.range:g}" if sheet else ""
+    yield "returns, %", f"{100 * scan.share:.0f}", ""
 
 
 def _ends(degrees: Any) -> str:
@@ -247,7 +246,7 @@ def _ends(degrees: Any) -> str:
 
 
 def _blocks(offsets: Sequence[float] | None) -> str:
-    return "–" if offsets is None else ", ".join(f"{own:g}" for own in dict.fromkeys(offsets))
+    return "–" if offsets is None else ", ".join(f"{offset:g}" for offset in dict.fromkeys(offsets))
 
 
 def _number(value: float | None) -> str:

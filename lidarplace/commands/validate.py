@@ -1,8 +1,8 @@
-"""The simulator against a team's own recordings: `lidarplace validate LOG`."""
+"""Validation of the simulator on a team's own recordings: `lidarplace validate LOG`."""
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +14,9 @@ from lidarplace.configuration.vehicle import read_vehicle
 from lidarplace.files.atomic import replacing
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.validation.fit import FEWEST_TRACKS
+
+if TYPE_CHECKING:
+    from lidarplace.validation.validation import Validation
 
 app = new_app()
 
@@ -51,34 +54,40 @@ def main(
     answers whether to trust the simulator for this vehicle; its tables as Parquet; and
     correction.yaml for `lidar: {correction: …}`.
     """
-    from lidarplace.validation.page import with_world, write_page
+    from lidarplace.validation.decision import decide
+    from lidarplace.validation.page import write_page
     from lidarplace.validation.validation import validate
-    from lidarplace.validation.verdict import verdict
 
     with checked_input():
         file = None if correction is None else read_correction(correction)
         body = None if vehicle is None else read_vehicle(vehicle)
-        found = validate(read_box_log(log), log, file, vehicle=body, without=without or ())
+        validation = validate(read_box_log(log), log, file, vehicle=body, without=without or ())
         out.mkdir(parents=True, exist_ok=True)
-        decision = verdict(found)
+        decision = decide(validation)
         for name in ("scores", "objects", "subsets", "agreement", "fits", "worst"):
             with replacing(out / f"{name}.parquet") as partial, partial.open("wb") as parquet:
-                getattr(found, name).to_parquet(parquet, index=False)
+                getattr(validation, name).to_parquet(parquet, index=False)
         if file is None:
-            write_correction(out / "correction.yaml", found.correction)
-        write_page(out / "validation.html", f"Validation of {log.name}", found, decision)
-    if found.tracks < FEWEST_TRACKS:
-        expected = f"expected at least {FEWEST_TRACKS}, found {found.tracks}"
+            write_correction(out / "correction.yaml", validation.correction)
+        write_page(out / "validation.html", f"Validation of {log.name}", validation, decision)
+    _print(validation, f"{log}: simulated against real points")
+    say(f"{decision.answer}: {' '.join(decision.why)}")
+    say(out / "validation.html")
+
+
+def _print(validation: "Validation", title: str) -> None:
+    from lidarplace.validation.page import with_world
+
+    if validation.tracks < FEWEST_TRACKS:
+        expected = f"expected at least {FEWEST_TRACKS}, found {validation.tracks}"
         say(f"warning: too few tracks; {expected}", sys.stderr)
-    shown = found.scores[found.scores["by"] == "all"]
+    scores = validation.scores[validation.scores["by"] == "all"]
     forms = {"objects": ",.0f", "ratio": ".2f", "bias": "+.2f", "spread": ".2f"}
     forms |= {"within_2": ".0%", "rho": ".2f"}
     rows = (
-        [own["model"], *(format(own[name], form) for name, form in forms.items())]
-        for own in shown.to_dict("records")
+        [row["model"], *(format(row[name], form) for name, form in forms.items())]
+        for row in scores.to_dict("records")
     )
     head = ("", "objects", "ratio", "bias, log2", "spread, log2", "within ×2", "rho")
-    output().print(table(f"{log}: simulated against real points", head, rows))
-    say(with_world(found))
-    say(f"{decision.answer}: {' '.join(decision.why)}")
-    say(out / "validation.html")
+    output().print(table(title, head, rows))
+    say(with_world(validation))

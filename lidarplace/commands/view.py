@@ -1,4 +1,4 @@
-"""Look at a frame of a box log: `lidarplace view LOG`."""
+"""Picture of a frame of a box log: `lidarplace view LOG`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -57,21 +57,21 @@ def view(
     """Make a page of one frame: clouds, boxes, buildings and the ROI, placements side by side."""
     with checked_input():
         crop = crop_of(roi)
-        how = known("profile", profile, PROFILES)
+        conditions = known("profile", profile, PROFILES)
         names = placement or DEFAULT
         if len(names) > MOST_PLACEMENTS:
             most = f"at most {MOST_PLACEMENTS} on a page"
             raise InputError(place="--placement", expected=most, found=len(names))
-        rigs = [how.placement(named_placement(name, how.lidar)) for name in names]
-        table = read_box_log(log)
+        rigs = [conditions.placement(named_placement(name, conditions.lidar)) for name in names]
+        box_log = read_box_log(log)
         with at(log):
-            number = busiest_frame(table, crop) if frame is None else frame
-            shown = read_frame(table, number, crop)
-        own = POINTS // len(rigs), how.misaligned_heights
-        figures = [draw_frame(table, number, rig, crop, *own) for rig in rigs]
-        title = f"{shown.row['scene']}, frame {number}"
-        write_page(out, title, _notes(shown, crop, profile), figures)
-    say(f"{out}: frame {number}, {shown.inside.sum()} objects in the ROI")
+            number = busiest_frame(box_log, crop) if frame is None else frame
+            surroundings = read_frame(box_log, number, crop)
+        points, misaligned = POINTS // len(rigs), conditions.misaligned_heights
+        figures = [draw_frame(box_log, number, rig, crop, points, misaligned) for rig in rigs]
+        title = f"{surroundings.row['scene']}, frame {number}"
+        write_page(out, title, _notes(surroundings, crop, profile), figures)
+    say(f"{out}: frame {number}, {surroundings.inside.sum()} objects in the ROI")
 
 
 def _notes(frame: Frame, crop: Crop, profile: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""The file of a correction: what LiDARs of a real vehicle lose, learnt from its recordings."""
+"""File of a correction: the losses of LiDARs of a real vehicle, learnt from its recordings."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MOST_SHARES = 100_000  # of a mask: half a degree in both directions is less
 
 
 def _one_row(shares: Any) -> Any:
-    """A list of numbers is short for a list of one row."""
+    """Turn a list of numbers into a list of one row."""
     flat = isinstance(shares, (list, tuple)) and not any(
         isinstance(s, (list, tuple)) for s in shares
     )
@@ -74,7 +74,7 @@ class MaskSettings(Settings):
 
     @cached_property
     def mask(self) -> Mask:
-        """In radians."""
+        """The mask in radians."""
         return Mask(self.shares, tuple(map(math.radians, self.elevation_deg)))
 
 
@@ -92,7 +92,7 @@ class UnitSettings(Settings):
 
 
 class CorrectionFile(Settings):
-    """What LiDARs of a real vehicle lose."""
+    """Losses of the LiDARs of a real vehicle."""
 
     factor: dict[ClassName, ClassFactor] = Field(
         default={},
@@ -119,11 +119,13 @@ class CorrectionFile(Settings):
 
     @cached_property
     def of_all(self) -> Correction:
-        """What all LiDARs of the vehicle lose."""
+        """Losses of all LiDARs of the vehicle."""
         return Correction(tuple(self.factor.items()), self.distance)
 
     def applied_to(self, lidar: Lidar, unit: str | None = None) -> Lidar:
-        """The LiDAR with what is lost. See `Lidar.corrected`.
+        """Apply the losses to a LiDAR; see `Lidar.corrected`.
+
+        See `Lidar.corrected`.
 
         Raises ValueError: there is no such unit, or its beams are not those of `lidar`.
         """
@@ -131,38 +133,38 @@ class CorrectionFile(Settings):
             names = ", ".join(self.lidars) or "none: it holds for all LiDARs"
             wrong = f"no LiDAR model {unit!r}{did_you_mean(unit, self.lidars)}"
             raise InputError(wrong, key="unit", expected=f"one of {names}")
-        own = UnitSettings() if unit is None else self.lidars[unit]
-        elevations = own.elevations_deg and tuple(map(math.radians, own.elevations_deg))
-        known: dict[str, Any] = {
-            "azimuth_steps": own.azimuth_steps,
-            "elevations": elevations,
-            "offsets": own.offsets_m,
+        settings = UnitSettings() if unit is None else self.lidars[unit]
+        values: dict[str, Any] = {
+            "azimuth_steps": settings.azimuth_steps,
+            "elevations": settings.elevations_deg
+            and tuple(map(math.radians, settings.elevations_deg)),
+            "offsets": settings.offsets_m,
         }
-        known = {name: value for name, value in known.items() if value is not None}
-        if known and lidar.pattern is not None:
+        values = {name: value for name, value in values.items() if value is not None}
+        if values and lidar.pattern is not None:
             wrong = "has beams that turn, and the LiDAR has a pattern"
             raise InputError(wrong, key=f"unit {unit}")
-        for table in (own.elevations_deg, own.offsets_m):
+        for table in (settings.elevations_deg, settings.offsets_m):
             if table is not None and len(table) != lidar.beams:
                 beams = f"{lidar.beams} beams as the LiDAR has"
                 raise InputError(key=f"unit {unit}", expected=beams, found=len(table))
-        mask = None if own.mask is None else own.mask.mask
-        return replace(lidar, correction=replace(self.of_all, mask=mask), **known)
+        mask = None if settings.mask is None else settings.mask.mask
+        return replace(lidar, correction=replace(self.of_all, mask=mask), **values)
 
 
 def packaged() -> tuple[str, ...]:
-    """Names of the corrections that the package has."""
+    """List the names of the corrections that the package has."""
     names = (path.name for path in files(PACKAGED).iterdir())
     return tuple(sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml")))
 
 
 def is_file(source: str) -> bool:
-    """Whether a text is the path of a correction, not a name of the package."""
+    """Return whether a text is the path of a correction, not a name of the package."""
     return source.endswith((".yaml", ".yml"))
 
 
 def read_correction(source: str | Path) -> CorrectionFile:
-    """The correction in a YAML file, read again when it was changed, or a packaged one by name.
+    """Read the correction in a YAML file, again when it was changed, or a packaged one by name.
 
     Raises ValueError: there is none of that name, the file cannot be read, or a value is wrong.
     """
@@ -170,8 +172,8 @@ def read_correction(source: str | Path) -> CorrectionFile:
     if not is_file(name):
         return _packaged(name)
     try:
-        told = Path(source).stat()
-        return _read(Path(source), told.st_mtime_ns, told.st_size)
+        status = Path(source).stat()
+        return _read(Path(source), status.st_mtime_ns, status.st_size)
     except OSError as error:
         raise InputError(str(error.strerror), place=name) from None
 

@@ -37,10 +37,10 @@ Row = tuple[Number, Number, Number]
 
 @cache
 def further_catalogue() -> Mapping[str, Mapping[str, Any]]:
-    """Cameras and radars that can be bought, by name: keys of settings, and sources."""
-    found = files("lidarplace.rigs.catalogue").joinpath("cameras_and_radars.yaml")
-    known: dict[str, dict[str, Any]] = yaml.safe_load(found.read_text(encoding="utf-8"))
-    return known
+    """Load cameras and radars that can be bought, by name: keys of settings, and sources."""
+    file = files("lidarplace.rigs.catalogue").joinpath("cameras_and_radars.yaml")
+    sensors: dict[str, dict[str, Any]] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return sensors
 
 
 class FurtherSensorSettings(PoseSettings):
@@ -64,11 +64,11 @@ class FurtherSensorSettings(PoseSettings):
         name = data.get("model") if isinstance(data, dict) else None
         if not isinstance(name, str):
             return data
-        known = {n: own for n, own in further_catalogue().items() if own["kind"] == cls.KIND}
-        if name not in known:
-            wrong = f"no {cls.KIND} is called {name!r}{did_you_mean(name, known)}"
-            raise InputError(wrong, key="model", expected=", ".join(known))
-        return {key: own for key, own in known[name].items() if key in cls.model_fields} | data
+        models = {n: keys for n, keys in further_catalogue().items() if keys["kind"] == cls.KIND}
+        if name not in models:
+            wrong = f"no {cls.KIND} is called {name!r}{did_you_mean(name, models)}"
+            raise InputError(wrong, key="model", expected=", ".join(models))
+        return {key: v for key, v in models[name].items() if key in cls.model_fields} | data
 
     @field_validator("ranges")
     @classmethod
@@ -112,7 +112,7 @@ class CameraSettings(FurtherSensorSettings):
         return self
 
     def built(self) -> Camera | None:
-        """The camera; None where pixels or angles are not known."""
+        """Build the camera; None where pixels or angles are not known."""
         if self.pixels is None or (self.fov_deg is None and self.intrinsic is None):
             return None
         width, height = self.pixels
@@ -126,7 +126,7 @@ class CameraSettings(FurtherSensorSettings):
 
 
 class RadarSettings(FurtherSensorSettings):
-    """A radar."""
+    """A radar on its mount."""
 
     KIND = "radar"
     NEEDED = "azimuth_deg, elevation_deg and range"
@@ -139,13 +139,13 @@ class RadarSettings(FurtherSensorSettings):
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        own, expected = self.elevation_deg, "[min, max] with min < max"
-        if own is not None and not own[0] < own[1]:
-            raise InputError(key="elevation_deg", expected=expected, found=own)
+        ends, expected = self.elevation_deg, "[min, max] with min < max"
+        if ends is not None and not ends[0] < ends[1]:
+            raise InputError(key="elevation_deg", expected=expected, found=ends)
         return self
 
     def built(self) -> Radar | None:
-        """The radar; None where its angles or its range are not known."""
+        """Build the radar; None where its angles or its range are not known."""
         if self.azimuth_deg is None or self.elevation_deg is None or self.range is None:
             return None
         start, end = map(math.radians, self.azimuth_deg)
@@ -156,18 +156,20 @@ class RadarSettings(FurtherSensorSettings):
 def further_sensors(
     cameras: Sequence[CameraSettings], radars: Sequence[RadarSettings], mounts: Sequence[Mount]
 ) -> tuple[MountedSensor, ...]:
-    """Cameras, then radars, on their mounts; those without a name are numbered from 1. Raises
-    ValueError: it is not known what one sees, or two have one name."""
-    of = (("camera", cameras), ("radar", radars))
-    places = [(f"{kind}s[{n}]", f"{kind} {n + 1}") for kind, own in of for n in range(len(own))]
-    every: tuple[CameraSettings | RadarSettings, ...] = (*cameras, *radars)
-    found: dict[str, MountedSensor] = {}
-    for own, mount, (where, number) in zip(every, mounts, places, strict=True):
-        model, name = own.built(), own.name or number
+    """Build cameras, then radars, on their mounts; those without a name are numbered from 1.
+
+    Raises ValueError: it is not known what one sees, or two have one name."""
+    sensors: tuple[CameraSettings | RadarSettings, ...] = (*cameras, *radars)
+    keys = [("cameras", n) for n in range(len(cameras))] + [
+        ("radars", n) for n in range(len(radars))
+    ]
+    mounted: dict[str, MountedSensor] = {}
+    for sensor, mount, (key, n) in zip(sensors, mounts, keys, strict=True):
+        model, name = sensor.built(), sensor.name or f"{sensor.KIND} {n + 1}"
         if model is None:
-            such = f"model, or {own.NEEDED}"
-            raise InputError("unknown field of view", key=where, expected=such)
-        if name in found:
-            raise InputError(f"duplicate name {name!r}", key=f"{where}.name", fix="rename one")
-        found[name] = MountedSensor(name, mount, model)
-    return tuple(found.values())
+            expected = f"model, or {sensor.NEEDED}"
+            raise InputError("unknown field of view", key=f"{key}[{n}]", expected=expected)
+        if name in mounted:
+            raise InputError(f"duplicate name {name!r}", key=f"{key}[{n}].name", fix="rename one")
+        mounted[name] = MountedSensor(name, mount, model)
+    return tuple(mounted.values())

@@ -13,8 +13,10 @@ _HAIR = 1e-9
 
 
 def check_intrinsic(matrix: Sequence[Sequence[float]], pixels: tuple[int, int] | None) -> None:
-    """Raise InputError, with the probable cause, unless a matrix is one of a pinhole camera, in
-    pixels; `pixels` are the width and height of the image, where they are known."""
+    """Raise InputError, with the probable cause, unless a matrix is one of a pinhole camera.
+
+    Its numbers are in pixels; `pixels` are the width and height of the image, where they are known.
+    """
     (fx, skew, cx), (across, fy, cy), last = matrix
     if any(last[:2]) and not (cx or cy):
         raise InputError("matrix is transposed", key="intrinsic", expected=SHAPE)

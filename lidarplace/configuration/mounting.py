@@ -1,10 +1,9 @@
-"""What a vehicle allows its LiDARs in a configuration: zones, keep-outs, limits, and how far mounts
-are off."""
+"""Limits of mounting in a configuration: zones, keep-outs, limits, and errors of mounts."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -29,6 +28,7 @@ from lidarplace.configuration.settings import (
 from lidarplace.configuration.vehicle import VehicleSettings
 from lidarplace.mounting.common_view import CommonView
 from lidarplace.mounting.errors import MountingErrors
+from lidarplace.mounting.limits import Limits
 from lidarplace.mounting.polygon import NANOMETRE
 from lidarplace.mounting.vehicle import Vehicle, top_near
 from lidarplace.mounting.zone import Zone
@@ -37,14 +37,14 @@ Pair = tuple[Length, Length]
 
 
 def ordered(interval: tuple[float, float]) -> tuple[float, float]:
-    """The interval, if its ends are the right way round; else ValueError."""
+    """Return the interval; raise ValueError if its ends are the wrong way round."""
     if interval[0] > interval[1]:
         raise InputError(expected="a number, or [min, max] with min <= max")
     return interval
 
 
 def number_as_interval(value: Any) -> Any:
-    """A number stands for the interval that holds it alone."""
+    """Turn a number into the interval that holds it alone."""
     return [value, value] if isinstance(value, (int, float)) else value
 
 
@@ -56,7 +56,7 @@ Heights = Annotated[
 
 
 class PlaceSettings(Settings):
-    """Where a LiDAR may be mounted: a box, or a polygon with heights; metres, ego frame."""
+    """Zone in which a LiDAR may be mounted: a box, or a polygon with heights; metres, ego frame."""
 
     x: Span | None = Field(None, description="a number or [min, max], metres")
     y: Span | None = Field(None, description="a number or [min, max], metres")
@@ -79,7 +79,7 @@ class PlaceSettings(Settings):
         return self
 
     def zone(self, name: str) -> Zone:
-        """The zone in the terms of `lidarplace`. Raises ValueError if its shape is impossible."""
+        """Build the zone; raise ValueError if its shape is impossible."""
         if self.polygon is not None:
             return Zone(name, self.polygon, self.z)
         assert self.x is not None
@@ -87,8 +87,9 @@ class PlaceSettings(Settings):
         return Zone.box(name, self.x, self.y, self.z)
 
     def within_standoff(self, name: str, vehicle: Vehicle) -> Zone:
-        """The part of the zone that is not too far above the body beneath it. Raises ValueError:
-        there is none; says what to write."""
+        """Cut off the part of the zone that is too far above the body beneath it.
+
+        Raises ValueError: there is none; says what to write."""
         zone = self.zone(name)
         ys = [y for _, y in zone.polygon]
         top = top_near(vehicle, zone.x, (min(ys), max(ys)))
@@ -98,10 +99,10 @@ class PlaceSettings(Settings):
         if high <= most + NANOMETRE:
             return zone
         if low > most + NANOMETRE:
-            above = f"{self.standoff:g} m, above the vehicle's body, {top:g} m there"
+            limit = f"{self.standoff:g} m, above the vehicle's body, {top:g} m there"
             needed = math.ceil(100 * (high - top) - NANOMETRE) / 100
             raise InputError(
-                f"z from {low:g} m is more than the standoff, {above}",
+                f"z from {low:g} m is more than the standoff, {limit}",
                 key=f"zones.{name}",
                 fix=f"write z up to {most:g}, or with a rack standoff: {needed:g}",
             )
@@ -109,9 +110,10 @@ class PlaceSettings(Settings):
 
 
 def mountable(zones: Mapping[str, PlaceSettings], vehicle: Vehicle) -> tuple[Zone, ...]:
-    """The zones, cut off where they are too far above the vehicle. Raises ValueError: one is all
-    off."""
-    return tuple(own.within_standoff(name, vehicle) for name, own in zones.items())
+    """Build the zones, cut off where they are too far above the vehicle.
+
+    Raises ValueError: one is all off."""
+    return tuple(zone.within_standoff(name, vehicle) for name, zone in zones.items())
 
 
 class KeepOutSettings(Settings):
@@ -135,15 +137,15 @@ KeepOuts = Annotated[
 
 
 def keep_out_boxes(keep_out: Mapping[str, KeepOutSettings]) -> NDArray[np.float64]:
-    """Lower and upper corners, metres, shape (n, 2, 3)."""
-    sides = [(own.x, own.y, own.z) for own in keep_out.values()]
+    """Return lower and upper corners, metres, shape (n, 2, 3)."""
+    sides = [(box.x, box.y, box.z) for box in keep_out.values()]
     return np.array(sides, np.float64).reshape(-1, 3, 2).transpose(0, 2, 1)
 
 
 def carrier_of(
     vehicle: VehicleSettings | None, keep_out: Mapping[str, KeepOutSettings]
 ) -> VehicleSettings | None:
-    """The vehicle, a car by default, with keep-outs as a part of it; None for neither."""
+    """Return the vehicle, a car by default, with keep-outs as a part of it; None for neither."""
     if not keep_out:
         return vehicle
     body = vehicle or VehicleSettings.model_validate({"boxes": Vehicle.car().boxes.tolist()})
@@ -152,7 +154,7 @@ def carrier_of(
 
 
 class CommonViewSettings(Settings):
-    """What pairs of sensors see in common, for their calibration against each other."""
+    """Common view that pairs of sensors need, for their calibration against each other."""
 
     pairs: str | tuple[tuple[CountFromOne, CountFromOne], ...] = Field(
         "chain",
@@ -176,8 +178,8 @@ class CommonViewSettings(Settings):
             raise InputError(expected="all, chain or pairs of two LiDARs, such as [[1, 2], [2, 3]]")
         return pairs
 
-    def asked(self) -> CommonView:
-        """In the terms of `lidarplace`."""
+    def view(self) -> CommonView:
+        """Return the common view in the terms of `lidarplace`."""
         if isinstance(self.pairs, str):
             return CommonView("all" if self.pairs == "all" else "chain", self.share, self.range)
         pairs = tuple((min(pair) - 1, max(pair) - 1) for pair in self.pairs)
@@ -200,9 +202,16 @@ class LimitSettings(Settings):
         None, description="largest number of pairs of LiDARs that may face each other"
     )
 
+    def limits(
+        self, body: Vehicle, keep_out: NDArray[np.float64], zones: Sequence[Zone] = ()
+    ) -> Limits:
+        """Return the limits of mounting; arguments as in `Limits`."""
+        common = None if self.common_view is None else self.common_view.view()
+        return Limits(zones, body, keep_out, self.distance, self.body_share, common, self.facing)
+
 
 class OffsetSettings(Settings):
-    """How far mounts are off."""
+    """Largest errors of mounts."""
 
     offset: Distance = Field(0.0, description="metres at most, along each axis")
     angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
@@ -210,12 +219,12 @@ class OffsetSettings(Settings):
     )
 
     def errors(self) -> MountingErrors:
-        """In the terms of `lidarplace`."""
+        """Build the mounting errors."""
         return MountingErrors(self.offset, math.radians(self.angle_deg))
 
 
 class MountingErrorSettings(OffsetSettings):
-    """How far mounts are off in simulated clouds: each frame has another vehicle of a fleet."""
+    """Errors of mounts in simulated clouds: each frame has another vehicle of a fleet."""
 
     vehicle: Count | None = Field(
         None,

@@ -17,13 +17,14 @@ LIVOX = ("Azimuth/deg", "Zenith/deg")
 
 
 def read_pattern(path: Path, rays_per_frame: int | None) -> ScanPattern:
-    """The pattern in the columns OURS or LIVOX of a CSV file; read again when it was changed.
+    """Read the pattern in the columns OURS or LIVOX of a CSV file, again when it was changed.
+
     Without `rays_per_frame` all rows are one frame. Raises ValueError: the file cannot be read, has
     neither columns, not one frame of rows, or an angle that is no number or out of bounds."""
     with at(key="pattern"), at(path):
         try:
-            told = regular(path).stat()
-            return _read(path, rays_per_frame, told.st_mtime_ns, told.st_size)
+            status = regular(path).stat()
+            return _read(path, rays_per_frame, status.st_mtime_ns, status.st_size)
         except OSError as error:
             raise InputError(str(error.strerror)) from None
 
@@ -51,7 +52,7 @@ def _read(path: Path, rays_per_frame: int | None, changed: int, size: int) -> Sc
 
 
 def _degrees(table: pd.DataFrame, name: str) -> np.ndarray:
-    """A column of finite numbers within two turns."""
+    """Return a column of finite numbers within two turns."""
     angles = pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64)
     for row in np.flatnonzero(~(np.abs(angles) <= 720.0)):
         value = table[name][row]

@@ -50,18 +50,21 @@ class PlacementSettings(Settings):
     )
 
     def further(self) -> tuple[MountedSensor, ...]:
-        """Cameras, then radars, in our ego frame. Raises ValueError as `further_sensors` does."""
+        """Build cameras, then radars, in our ego frame.
+
+        Raises ValueError as `further_sensors` does."""
         mounts = self.in_ego((*self.cameras, *self.radars))
         return further_sensors(self.cameras, self.radars, mounts)
 
     def in_ego(self, mounts: Sequence[PoseSettings]) -> list[Mount]:
-        """Mounts of the placement in our ego frame."""
+        """Convert mounts of the placement to our ego frame."""
         poses = (mount.pose for mount in mounts)
         return [Mount(*(from_carla(*p) if self.convention == "carla" else p)) for p in poses]
 
     def placement(self, name: str, lidar: Lidar) -> Placement:
-        """The placement in our ego frame, `lidar` on mounts that have none of their own. Raises
-        ValueError as `Placement` does."""
+        """Build the placement in our ego frame, `lidar` on mounts that have none of their own.
+
+        Raises ValueError as `Placement` does."""
         return Placement(name, self.in_ego(self.mounts), _lidars(self.mounts, lidar))
 
 
@@ -98,7 +101,7 @@ class SweptPlacementSettings(PlacementSettings):
         return self
 
     def placement(self, name: str, lidar: Lidar) -> Placement:
-        """As that of `PlacementSettings`, with what is dead."""
+        """Build the placement as `PlacementSettings` does, with its dead LiDARs."""
         lidars = _lidars(self.mounts, lidar)
         dead = zip(self.in_ego(self.dead), _lidars(self.dead, lidar), strict=True)
         return Placement(name, self.in_ego(self.mounts), lidars, tuple(dead))
@@ -109,8 +112,9 @@ def _lidars(mounts: Sequence[MountSettings], lidar: Lidar) -> list[Lidar]:
 
 
 def named_placement(name: str, lidar: Lidar) -> Placement:
-    """The paper's placement of this name, or the one in the file FILE.yaml, with `lidar`. Raises
-    OSError and ValueError as `read_placement`; or there is no placement of that name."""
+    """Return the paper's placement of this name, or the one in the file FILE.yaml, with `lidar`.
+
+    Raises OSError and ValueError as `read_placement`; or there is no placement of that name."""
     if name.endswith((".yaml", ".yml")):
         return read_placement(Path(name), lidar)
     if name not in PAPER_PLACEMENTS:
@@ -131,7 +135,9 @@ def read_placement(path: Path, lidar: Lidar) -> Placement:
 
 
 def read_placement_settings(path: Path) -> PlacementSettings:
-    """What a placement's file says. Raises OSError and ValueError as `read_placement` does."""
+    """Read the settings in a placement's file.
+
+    Raises OSError and ValueError as `read_placement` does."""
     raw = read_yaml_file(path)
     if isinstance(raw, dict) and "mounts" not in raw:
         such = "a list of LiDARs, such as mounts: [{x: 0, y: 0, z: 2}]"

@@ -35,5 +35,5 @@ class PoseSettings(Settings):
     def pose(self) -> tuple[float, float, float, float, float, float]:
         """x, y, z in metres; roll, pitch, yaw in radians."""
         units = ((self.roll, self.roll_deg), (self.pitch, self.pitch_deg), (self.yaw, self.yaw_deg))
-        roll, pitch, yaw = (own if deg is None else math.radians(deg) for own, deg in units)
+        roll, pitch, yaw = (rad if deg is None else math.radians(deg) for rad, deg in units)
         return self.x, self.y, self.z, roll, pitch, yaw

@@ -1,4 +1,4 @@
-"""Records: JSON files that hold what a model says, or are refused in one line."""
+"""Records: JSON files that are validated against a model, with errors of one line."""
 
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -19,11 +19,13 @@ def _no_truth(value: object) -> object:
 
 
 NoTruth = BeforeValidator(_no_truth)
-"""Of numbers that may be in quotes, as CARLA and protobuf write them; `true` is none."""
+"""Validator of numbers that may be in quotes, as CARLA and protobuf write them; `true` is none."""
 Number = Annotated[float, NoTruth, Field(allow_inf_nan=False)]  # finite
 
 
-def read_record(path: Path, kind: type[T], what: str) -> T:
-    """A JSON file as a dataclass or a pydantic model; `what` the file should be, for messages.
-    Raises ValueError: as `read_json`, or what the file holds is something else."""
-    return validated(kind, read_json(path), f"{path}: not a valid {what}")
+def read_record(path: Path, kind: type[T], description: str) -> T:
+    """Read a JSON file as a dataclass or a pydantic model.
+
+    `description` of the file is for messages. Raises ValueError: as `read_json`, or the content is
+    something else."""
+    return validated(kind, read_json(path), f"{path}: not a valid {description}")

@@ -29,11 +29,11 @@ from lidarplace.rigs.catalogue.datasheet import datasheet, metres
 from lidarplace.rigs.lidar import Lidar, pattern_in
 
 Side = Annotated[float, Strict(), Field(ge=1, le=2000, allow_inf_nan=False)]
-"""Of a LiDAR, millimetres; metres are below."""
+"""Side of a LiDAR, millimetres; metres are below."""
 
 MOST_BEAMS = 10_000
 MOST_RAYS = 20_000_000
-"""Of a turn: two hundred times the paper's, beyond which a mistyped number is likelier."""
+"""Rays of a turn: two hundred times the paper's, beyond which a mistyped number is likelier."""
 TURNING = {"azimuth_deg", "azimuth_steps", "beams", "elevation_deg", "elevations_deg", "offsets_m"}
 """Keys of a LiDAR whose beams turn."""
 ANY = ("range", "range_10", "range_80", "min_range", "range_noise", "wavelength_nm", "size_mm")
@@ -41,13 +41,14 @@ ANY = ("range", "range_10", "range_80", "min_range", "range_noise", "wavelength_
 
 
 def _beside_or_packaged(source: str, info: ValidationInfo) -> str:
-    """A path that holds in any folder, or a name as it is."""
+    """Resolve the path of a file; a packaged name stays as it is."""
     return str(beside_the_file(Path(source), info)) if is_file(source) else source
 
 
 class SensorSettings(Settings):
-    """A LiDAR model: a name in the catalogue, alone or in a mapping whose other keys override it,
-    or your own. The defaults are the paper's, without noise."""
+    """LiDAR model: a name in the catalogue, alone or with keys that override it, or your own.
+
+    The defaults are the paper's, without noise."""
 
     name: Name | None = Field(
         None,
@@ -139,7 +140,7 @@ class SensorSettings(Settings):
             table = data.get("elevations_deg")
             if not isinstance(table, (list, tuple)) or len(table) == len(sheet.elevations_deg):
                 keys.append("offsets_m")  # else they are of other lasers
-        return {key: own for key in keys if (own := getattr(sheet, key)) is not None} | data
+        return {key: v for key in keys if (v := getattr(sheet, key)) is not None} | data
 
     @field_validator("elevation_deg", "elevations_deg")
     @classmethod
@@ -163,13 +164,13 @@ class SensorSettings(Settings):
         beams = len(self.elevations_deg) if self.elevations_deg is not None else self.beams
         if beams * self.azimuth_steps > MOST_RAYS:
             most = f"at most {MOST_RAYS:,} rays, beams times azimuth steps"
-            found = f"{self.azimuth_steps:,} with {beams:,} beams"
-            raise InputError(key="azimuth_steps", expected=most, found=found)
+            rays = f"{self.azimuth_steps:,} with {beams:,} beams"
+            raise InputError(key="azimuth_steps", expected=most, found=rays)
         self.built  # noqa: B018 - what is wrong with it is wrong with the settings
         return self
 
     def lidar(self) -> Lidar:
-        """The sensor in radians."""
+        """Return the sensor in radians."""
         return self.built
 
     @cached_property
@@ -184,7 +185,8 @@ class SensorSettings(Settings):
                 return lidar.corrected(file, self.unit)
 
     def corrected(self, lidar: Lidar, name: str) -> Lidar:
-        """Another LiDAR with the correction of these settings, as its unit `name` if it has one.
+        """Apply the correction of these settings to another LiDAR, as its unit `name` if it is one.
+
         Raises ValueError if the unit does not fit the LiDAR."""
         if self.correction is None:
             return lidar

@@ -1,4 +1,4 @@
-"""What all settings are made of: kinds of numbers and of text with their ranges, and one error."""
+"""Base of all settings: kinds of numbers and of text with their ranges, and one error."""
 
 import re
 import reprlib
@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 
 class Settings(BaseModel):
-    """Settings are not changed, and a key that is unknown is a mistake."""
+    """Settings that do not change, and reject unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -69,9 +69,9 @@ Seconds = Annotated[float, Strict(), Field(ge=0, le=10_000_000, allow_inf_nan=Fa
 Factor = Annotated[float, Strict(), Field(ge=0, le=1_000_000, allow_inf_nan=False)]
 """A number without a unit that something is multiplied with."""
 Amount = Annotated[float, Strict(), Field(ge=0, le=1e12, allow_inf_nan=False)]
-"""Of money, or of gigabytes."""
+"""Amount of money, or of gigabytes."""
 Number = Annotated[float, Strict(), Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
-"""A number of which no more is known."""
+"""Number without a known range."""
 
 
 def _class_name(name: str) -> str:
@@ -81,7 +81,7 @@ def _class_name(name: str) -> str:
 
 
 Name = Annotated[str, Field(min_length=1, max_length=100)]
-"""What something is called: pages, tables and plots have room for it."""
+"""Name of something: pages, tables and plots have room for it."""
 ClassName = Annotated[str, AfterValidator(_class_name)]
 Text = Annotated[str, Field(max_length=2000)]  # an address, or what another program has a name for
 
@@ -93,21 +93,21 @@ def _possible(path: Path) -> Path:
 
 
 FilePath = Annotated[Path, AfterValidator(_possible)]
-"""Where a file or a folder is, within what file systems take."""
+"""Path of a file or a folder, within the limits of file systems."""
 
 
 def beside_the_file(path: Path, info: ValidationInfo) -> Path:
-    """A path relative to the folder of the configuration where the context names that."""
+    """Resolve a path relative to the folder of the configuration where the context names that."""
     folder = (info.context or {}).get("folder")
     return path if folder is None else (folder / path).absolute()
 
 
 FileBeside = Annotated[FilePath, AfterValidator(beside_the_file)]
-"""The same, relative to the folder of the configuration where the context names that."""
+"""Path of a file, relative to the folder of the configuration where the context names that."""
 
 
 def short_for(key: str) -> BeforeValidator:
-    """A string in place of a mapping is the value of `key`: `ray: debug`, `lidar: vlp16`."""
+    """Let a string in place of a mapping be the value of `key`: `ray: debug`, `lidar: vlp16`."""
     return BeforeValidator(lambda value: {key: value} if isinstance(value, str) else value)
 
 
@@ -139,29 +139,29 @@ _SHORT = {
 
 
 def fault(error: ValidationError, place: str = "") -> InputError:
-    """The first mistake of an error with its parts; `place` is the file that has it."""
+    """Return the first mistake of an error with its parts; `place` is the file that has it."""
     first = error.errors(include_url=False)[0]
     return mistake(first, key_path(first["loc"]), place)
 
 
 def mistake(first: Mapping[str, Any], key: str, place: str = "") -> InputError:
-    """One of pydantic's `errors()` with its parts, of that key of the file `place`."""
+    """Convert one of pydantic's `errors()`, of that key of the file `place`."""
     inner = first.get("ctx", {}).get("error")
     if not isinstance(inner, InputError):
-        said = _said(first)
-        words = re.match(r"(should (be|have)|allowed (is|are)|expected) ", said)
-        expected = said[words.end() :] if words else ""
+        text = _message(first)
+        words = re.match(r"(should (be|have)|allowed (is|are)|expected) ", text)
+        expected = text[words.end() :] if words else ""
         is_bool = first["type"] == "string_type" and isinstance(first["input"], bool)
         fix = "put text such as 'no' or 'on' into quotes, which YAML reads as a bool" * is_bool
-        inner = InputError("" if words else said, expected=expected, fix=fix)
+        inner = InputError("" if words else text, expected=expected, fix=fix)
     if inner.place:
         return InputError(str(inner), place=place, key=key)
     key = ("." if first["loc"] else ": ").join(filter(None, (key, inner.key)))
-    there = inner.found or _found(first)
-    return InputError(**vars(inner) | {"place": place, "key": key, "found": there})
+    value = inner.found or _value(first)
+    return InputError(**vars(inner) | {"place": place, "key": key, "found": value})
 
 
-def _said(first: Mapping[str, Any]) -> str:
+def _message(first: Mapping[str, Any]) -> str:
     kind, value, ctx = first["type"], first["input"], first.get("ctx", {})
     if kind in ("too_short", "too_long"):
         bound, end = ("at least", "min") if kind == "too_short" else ("at most", "max")
@@ -169,26 +169,27 @@ def _said(first: Mapping[str, Any]) -> str:
         return f"should have {bound} {number} {'item' if number == 1 else 'items'}"
     if kind in ("tuple_type", "list_type") and isinstance(value, str):
         return f"should be a list, such as [{shortened(value)}]"
-    said = str(first["msg"]).partition(", unable to parse")[0]
+    text = str(first["msg"]).partition(", unable to parse")[0]
     for prefix in ("Value error, ", "Input ", "String "):
-        said = said.removeprefix(prefix)
+        text = text.removeprefix(prefix)
     for words, short in _SHORT.items():
-        said = said.replace(words, short)
+        text = text.replace(words, short)
     angle = ctx.get("ge") == ANGLE.low or ctx.get("le") == ANGLE.high
-    return _WORDS.get(kind, f"{said} radians" if angle else said)
+    return _WORDS.get(kind, f"{text} radians" if angle else text)
 
 
-def _found(first: Mapping[str, Any]) -> str:
+def _value(first: Mapping[str, Any]) -> str:
     kind, value = first["type"], first["input"]
     if kind in ("missing", "json_invalid") or isinstance(value, (dict, BaseModel)):  # of all
         return ""
     names = kind == "literal_error" and re.findall("'([^']+)'", first["ctx"]["expected"])
-    return found(value) + (did_you_mean(value, names) if names and isinstance(value, str) else "")
+    return excerpt(value) + (did_you_mean(value, names) if names and isinstance(value, str) else "")
 
 
 def validated(kind: type[T], value: Any, place: str, folder: Path | None = None) -> T:
-    """`value` as a model or another type of that kind; paths in it are relative to `folder`. Raises
-    InputError: the first mistake, in the file `place`."""
+    """Validate a value as a model or another type; paths in it are relative to `folder`.
+
+    Raises InputError: the first mistake, in the file `place`."""
     try:
         return TypeAdapter(kind).validate_python(value, context={"folder": folder})
     except ValidationError as error:
@@ -196,19 +197,19 @@ def validated(kind: type[T], value: Any, place: str, folder: Path | None = None)
 
 
 def key_path(loc: Sequence[int | str]) -> str:
-    """A place in nested settings as one would write it, `mounts[0].z`."""
+    """Write a place in nested settings as one would write it, `mounts[0].z`."""
     # Of a key that is wrong itself pydantic says "[key]" behind it.
     named = (part for part in loc if part != "[key]")
     parts = (f"[{part}]" if isinstance(part, int) else f".{shortened(part)}" for part in named)
     return "".join(parts).lstrip(".")
 
 
-def found(value: Any) -> str:
-    """A value as Python writes it, cut where it is long."""
+def excerpt(value: Any) -> str:
+    """Write a value as Python does, cut where it is long."""
     text = _short.repr(value)
     return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"
 
 
 def shortened(key: str) -> str:
-    """A key of a file, cut where it is long."""
+    """Cut a key of a file where it is long."""
     return key if len(key) <= _LONGEST_KEY else f"{key[:_LONGEST_KEY]}…"

@@ -15,10 +15,9 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.optional import needs
 from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings, validated
 from lidarplace.configuration.yaml import read_yaml_file
-from lidarplace.mounting.keep_out import with_keep_outs
 from lidarplace.mounting.mesh_file import read_mesh
 from lidarplace.mounting.trailer import BendingVehicle
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, with_keep_outs
 from lidarplace.rigs.pose import rotation
 
 Corner = tuple[Length, Length, Length]
@@ -34,8 +33,10 @@ def _check_above_ground(boxes: Sequence[tuple[Corner, Corner]]) -> None:
 
 
 class TrailerSettings(Settings):
-    """A trailer that turns about its hitch. Requirements and constraints hold at each angle and
-    straight; clouds and detectors see it straight. No LiDAR may sit on it."""
+    """A trailer that turns about its hitch.
+
+    Requirements and constraints hold at each angle and straight; clouds and detectors see it
+    straight. No LiDAR may sit on it."""
 
     hitch: tuple[Length, Length] = Field(description="x and y of the axis about which it turns, m")
     boxes: tuple[tuple[Corner, Corner], ...] = Field(
@@ -60,8 +61,9 @@ class TrailerSettings(Settings):
 
 
 class VehicleSettings(Settings):
-    """A body that stops rays and may not contain a LiDAR: boxes, a mesh, or both; a list is short
-    for `boxes`, a text for `mesh`."""
+    """Body that stops rays and may not contain a LiDAR: boxes, a mesh, or both.
+
+    A list is short for `boxes`, a text for `mesh`."""
 
     boxes: tuple[tuple[Corner, Corner], ...] = Field(
         (), description="[[x0, y0, z0], [x1, y1, z1]]: lower and upper corner, metres, ego frame"
@@ -103,13 +105,14 @@ class VehicleSettings(Settings):
         return self
 
     def vehicle(self) -> Vehicle:
-        """In the terms of `lidarplace`. Raises ValueError as `Vehicle` and `read_mesh`; also if the
-        file cannot be read."""
+        """Build the vehicle.
+
+        Raises ValueError as `Vehicle` and `read_mesh`; also if the file cannot be read."""
         if self.mesh is None:
             return _vehicle(self, 0, 0)
         try:
-            told = self.mesh.stat()
-            return _vehicle(self, told.st_mtime_ns, told.st_size)
+            status = self.mesh.stat()
+            return _vehicle(self, status.st_mtime_ns, status.st_size)
         except OSError as error:
             raise InputError(f"{self.mesh}: {error.strerror}", key="mesh") from None
         except ModuleNotFoundError as error:
@@ -118,15 +121,15 @@ class VehicleSettings(Settings):
 
 @lru_cache(maxsize=8)
 def _vehicle(settings: VehicleSettings, changed: int, size: int) -> Vehicle:
-    """The vehicle, read again when the file of its mesh was changed."""
-    mesh, own = None, settings.trailer
+    """Build the vehicle, again when the file of its mesh was changed."""
+    mesh, trailer = None, settings.trailer
     if settings.mesh is not None:
         angles = map(math.radians, (settings.roll_deg, settings.pitch_deg, settings.yaw_deg))
         mesh = read_mesh(settings.mesh, settings.scale, rotation(*angles), settings.origin)
     body = Vehicle("vehicle", np.array(settings.boxes), mesh)
-    if own is not None:
-        boxes = np.array([*own.boxes, *settings.boxes])
-        body = BendingVehicle("vehicle", boxes, mesh, len(own.boxes), own.hitch, own.angles_deg)
+    if trailer is not None:
+        boxes, number = np.array([*trailer.boxes, *settings.boxes]), len(trailer.boxes)
+        body = BendingVehicle("vehicle", boxes, mesh, number, trailer.hitch, trailer.angles_deg)
     return with_keep_outs(body, Vehicle("keep_out", np.array(settings.keep_out)).boxes)
 
 
@@ -141,13 +144,14 @@ OwnVehicle = Annotated[VehicleSettings, BeforeValidator(_short)] | None
 
 
 def vehicle_of(settings: VehicleSettings | None) -> Vehicle:
-    """The vehicle of a field: a car if it is null."""
+    """Return the vehicle of a field: a car if it is null."""
     return Vehicle.car() if settings is None else settings.vehicle()
 
 
 def read_vehicle(path: Path) -> Vehicle | None:
-    """The vehicle in a file: YAML of what a field holds, or a mesh in metres. Raises OSError: the
-    file cannot be read; ValueError: it holds no vehicle."""
+    """Read the vehicle in a file: YAML of what a field holds, or a mesh in metres.
+
+    Raises OSError: the file cannot be read; ValueError: it holds no vehicle."""
     raw = read_yaml_file(path) if path.suffix in (".yaml", ".yml") else path.name
     field: Any = OwnVehicle
     settings: VehicleSettings | None = validated(field, raw, str(path), path.parent)

@@ -21,5 +21,5 @@ class WeatherSettings(Settings):
     rain: RainRate = Field(0.0, description="millimetres per hour")
 
     def weather(self) -> Weather:
-        """In the terms of `lidarplace`."""
+        """Build the weather."""
         return Weather(self.visibility or math.inf, self.rain)

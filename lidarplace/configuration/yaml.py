@@ -1,4 +1,4 @@
-"""YAML that people write: plain data, within limits, and a key given twice is a mistake."""
+"""YAML that people write: plain data, within limits; duplicate keys are rejected."""
 
 import re
 import reprlib
@@ -17,7 +17,7 @@ from lidarplace.base.errors import InputError, at
 from lidarplace.files.regular import regular
 
 MOST_BYTES = 16_000_000
-"""Of a file: some 50,000 placements of four mounts. Beyond, it is likely to be another file."""
+"""Bytes of a file: some 50,000 placements of four mounts; beyond, it is likely another file."""
 MOST_VALUES = 5_000_000  # keys and values of a file; what an alias stands for is counted each time
 DEEPEST = 100  # mappings and lists inside each other
 
@@ -28,7 +28,7 @@ _EXPONENT = re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$")
 
 
 class YamlError(InputError):
-    """What is wrong with a YAML document and where, in one line."""
+    """Problem of a YAML document and its place, in one line."""
 
 
 if yaml.__with_libyaml__:
@@ -44,9 +44,10 @@ else:
 
 
 class _Loader(Composer, _Parser, SafeConstructor, Resolver):
-    """Composes nodes in Python, where depth, size and keys can be watched. Only numbers, truth
-    values, text, lists and mappings are there: a date is text, and YAML's sets and binaries are
-    refused as Python's objects are. `1e-3` is a number, as in YAML 1.2."""
+    """Loader that composes nodes in Python, where depth, size and keys can be watched.
+
+    Only numbers, truth values, text, lists and mappings are there: a date is text, and YAML's sets
+    and binaries are refused as Python's objects are. `1e-3` is a number, as in YAML 1.2."""
 
     yaml_constructors = {  # noqa: RUF012 - of PyYAML
         tag: constructor
@@ -67,7 +68,7 @@ class _Loader(Composer, _Parser, SafeConstructor, Resolver):
         self._sizes: dict[int, int] = {}
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Count what is in a value, and how deep it is."""
+        """Compose a node; count what is in a value, and how deep it is."""
         event: Any = self.peek_event()
         before = self._values
         self._depth += 1
@@ -87,7 +88,7 @@ class _Loader(Composer, _Parser, SafeConstructor, Resolver):
         return node
 
     def compose_mapping_node(self, anchor: Any) -> Any:
-        """A mapping. Of equal keys YAML would silently take the last."""
+        """Compose a mapping; of equal keys YAML would silently take the last."""
         node = super().compose_mapping_node(anchor)
         seen = set()
         for key, _ in node.value:
@@ -99,13 +100,13 @@ class _Loader(Composer, _Parser, SafeConstructor, Resolver):
         return node
 
     def construct_undefined(self, node: Any) -> Any:
-        """What has another tag."""
+        """Reject values with another tag."""
         raise _error(f"tag {reprlib.repr(node.tag)} is not taken", node)
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:
-        """The value of a node."""
-        if isinstance(node, yaml.ScalarNode) and (found := _CONTROL.search(node.value)):
-            raise _error(f"control character {found[0]!r} in a text", node)
+        """Construct the value of a node."""
+        if isinstance(node, yaml.ScalarNode) and (match := _CONTROL.search(node.value)):
+            raise _error(f"control character {match[0]!r} in a text", node)
         try:
             return super().construct_object(node, deep)
         except (ValueError, LookupError, TypeError, AttributeError):  # such as `!!bool abc`
@@ -118,9 +119,10 @@ _Loader.add_implicit_resolver(f"{_TAG}float", _EXPONENT, list("-+0123456789"))
 
 
 def parse_yaml(text: str) -> Any:
-    """The content of a YAML document, None for an empty one; no two places share an object. Raises
-    YamlError: it is none, holds anything but plain data, gives a key twice, or is beyond the limits
-    `MOST_VALUES` and `DEEPEST`."""
+    """Parse a YAML document, None for an empty one; no two places share an object.
+
+    Raises YamlError: it is none, holds anything but plain data, gives a key twice, or is beyond the
+    limits `MOST_VALUES` and `DEEPEST`."""
     try:
         return _unshared(_Loader(text).get_single_data())
     except ReaderError as error:
@@ -138,8 +140,9 @@ def parse_yaml(text: str) -> Any:
 
 
 def read_yaml_file(path: Path) -> Any:
-    """The content of a YAML file, as `parse_yaml` has it. Raises OSError and, naming the file,
-    YamlError; also if it is not text or is too large."""
+    """Read a YAML file, as `parse_yaml` does.
+
+    Raises OSError and, naming the file, YamlError; also if it is not text or is too large."""
     with regular(path).open("rb") as file:
         content = file.read(MOST_BYTES + 1)
     with at(path, YamlError):
@@ -157,7 +160,7 @@ def _error(problem: str, at: Any) -> ConstructorError:
 
 
 def _unshared(value: Any) -> Any:
-    """A copy in which what an alias stands for is there each time: a change is of one place."""
+    """Copy a value so that no two places share what an alias stands for."""
     if isinstance(value, dict):
         return {key: _unshared(inner) for key, inner in value.items()}
     return [_unshared(inner) for inner in value] if isinstance(value, list) else value

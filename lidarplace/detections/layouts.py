@@ -17,7 +17,7 @@ from lidarplace.files.tables import read_feather, read_parquet
 from lidarplace.logs.boxes import GEOMETRY, SOURCE, first, full_poses, rows_of
 from lidarplace.scenes.datasets import argoverse, class_maps, nuscenes, waymo
 from lidarplace.scenes.datasets.class_maps import ClassMap
-from lidarplace.scenes.datasets.nuscenes_tables import Table
+from lidarplace.scenes.datasets.nuscenes_tables import TokenTable
 from lidarplace.scenes.datasets.se3 import Poses
 from lidarplace.scenes.kitti.calibration import STANDARD, camera_to_ego, read_calibration
 from lidarplace.scenes.kitti.read import frame_name, in_ego, read_labels
@@ -40,22 +40,17 @@ Row = Callable[[int], str]
 _BOX = ("translation", "size", "rotation", "detection_name", "detection_score")
 
 
-class Found(NamedTuple):
-    """Detections of a file.
+class DetectionTable(NamedTuple):
+    """Detections of a file."""
 
-    Attributes:
-        table: `frame`, `category`, columns of `GEOMETRY` in the ego frame, `score`.
-        row: names a row of it.
-        known: class map of the layout.
-    """
-
-    table: pd.DataFrame
-    row: Row
-    known: ClassMap
+    table: pd.DataFrame  # `frame`, `category`, columns of `GEOMETRY` in the ego frame, `score`
+    row: Row  # names a row of it
+    class_map: ClassMap  # of the layout
 
 
 class LogFrames:
-    """Finds frames of a log: by number, by their `SOURCE`, by their number as KITTI writes it.
+    """Frames of a log by number, by their `SOURCE`, and by their number as KITTI writes it.
+
     Raises InputError if two frames have one name."""
 
     def __init__(self, frames: pd.DataFrame) -> None:
@@ -64,31 +59,35 @@ class LogFrames:
         self._numbers |= {frame_name(number): number for number in numbers}
         if SOURCE in frames:
             if (twice := first(frames[SOURCE].duplicated())) is not None:
-                found = frames[SOURCE].iloc[twice]
-                raise InputError("duplicate name of a frame", place="log", key=SOURCE, found=found)
+                name = frames[SOURCE].iloc[twice]
+                raise InputError("duplicate name of a frame", place="log", key=SOURCE, found=name)
             self._numbers |= dict(zip(frames[SOURCE].tolist(), numbers, strict=True))
 
     def named(self, names: Iterable[str | int], row: Row) -> NDArray[np.int64]:
-        """Numbers of these frames; (rows,). Raises InputError for an unknown one."""
-        found = []
+        """Return the numbers of named frames; (rows,).
+
+        Raises InputError for an unknown one."""
+        numbers = []
         for at, name in enumerate(names):
             if name not in self._numbers:
-                known = [key for key in self._numbers if isinstance(key, type(name))]
-                such = f"a frame of the log, such as {known[-1]}" if known else "a frame"
+                similar = [key for key in self._numbers if isinstance(key, type(name))]
+                such = f"a frame of the log, such as {similar[-1]}" if similar else "a frame"
                 fix = "" if SOURCE in self._frames else "`convert` keeps the names of the source"
                 raise InputError("unknown frame", place=row(at), expected=such, found=name, fix=fix)
-            found.append(self._numbers[name])
-        return np.array(found, np.int64)
+            numbers.append(self._numbers[name])
+        return np.array(numbers, np.int64)
 
     def ego(self, numbers: NDArray[np.int64], row: Row) -> Poses:
-        """Pose of the vehicle in the world in these frames; (rows,). Raises InputError."""
-        known, rotations, positions = full_poses(self._frames), [], []
+        """Return the poses of the vehicle in the world in these frames; (rows,).
+
+        Raises InputError if the log has none."""
+        poses, rotations, positions = full_poses(self._frames), [], []
         for at, number in enumerate(numbers.tolist()):
-            if number not in known:
+            if number not in poses:
                 problem = "the log has no pose of the vehicle"
                 raise InputError(problem, place=row(at), key="frame", found=number)
-            rotations.append(known[number][0])
-            positions.append(known[number][1])
+            rotations.append(poses[number][0])
+            positions.append(poses[number][1])
         turns = Rotation.from_matrix(np.reshape(rotations, (-1, 3, 3)))
         return Poses(np.reshape(positions, (-1, 3)), turns)
 
@@ -100,8 +99,8 @@ def of_kitti(
     ignored: Counter[str],
     calibration: Path | None,
     lidar_height: float,
-) -> Found:
-    """Result files of KITTI, one a frame, lines of 16 fields, boxes in the camera's frame.
+) -> DetectionTable:
+    """Read result files of KITTI, one a frame, lines of 16 fields, boxes in the camera's frame.
 
     `calibration` has a file a frame, with a LiDAR at `lidar_height`; None: our own export's camera.
     """
@@ -119,11 +118,11 @@ def of_kitti(
     boxes = in_ego(array[:, 7:14], np.array(cameras, np.float64).reshape(-1, 3, 4))
     table = pd.DataFrame(rows, columns=["frame", "path", "line", "category"])
     table = table.assign(**boxes, score=array[:, 14])
-    return Found(table, lambda at: f"{rows[at][1]}: line {rows[at][2]}", class_maps.KITTI)
+    return DetectionTable(table, lambda at: f"{rows[at][1]}: line {rows[at][2]}", class_maps.KITTI)
 
 
-def of_nuscenes(path: Path, frames: LogFrames) -> Found:
-    """The JSON file of nuScenes' detection challenge: boxes in the world by sample."""
+def of_nuscenes(path: Path, frames: LogFrames) -> DetectionTable:
+    """Read the JSON file of nuScenes' detection challenge: boxes in the world by sample."""
     content = read_json(path)
     results = content.get("results") if isinstance(content, dict) else None
     if not isinstance(results, dict):
@@ -143,16 +142,16 @@ def of_nuscenes(path: Path, frames: LogFrames) -> Found:
             for name, values in columns.items():
                 values.append(row[name])
     frame, names = np.array(columns.pop("frame"), np.int64), columns["detection_name"]
-    table = Table(path, columns)
+    table = TokenTable(path, columns)
     boxes = nuscenes.in_ego(table, frames.ego(frame, table.row))
     category = [CATEGORIES.get(name, name) if isinstance(name, str) else name for name in names]
-    own = pd.DataFrame({"frame": frame, "category": pd.Series(category, dtype=object)})
-    own = own.assign(**boxes, score=table.numbers("detection_score"))
-    return Found(own, table.row, class_maps.NUSCENES)
+    detections = pd.DataFrame({"frame": frame, "category": pd.Series(category, dtype=object)})
+    detections = detections.assign(**boxes, score=table.numbers("detection_score"))
+    return DetectionTable(detections, table.row, class_maps.NUSCENES)
 
 
-def of_argoverse(path: Path, frames: LogFrames) -> Found:
-    """The Feather file of Argoverse 2's detection challenge: boxes in its ego frame."""
+def of_argoverse(path: Path, frames: LogFrames) -> DetectionTable:
+    """Read the Feather file of Argoverse 2's detection challenge: boxes in its ego frame."""
     geometry = (*argoverse.TRANSLATION, *argoverse.SIZE, *argoverse.QUATERNION)
     table = read_feather(path, ("log_id", "timestamp_ns", "category", "score", *geometry))
     time = integers(table, "timestamp_ns", str(path)).astype(str).astype(object)
@@ -161,10 +160,12 @@ def of_argoverse(path: Path, frames: LogFrames) -> Found:
     return _rows(path, frames, names, table["category"], boxes, table, class_maps.ARGOVERSE)
 
 
-def of_parquet(path: Path, frames: LogFrames, as_waymo: bool | None, world: bool) -> Found:
-    """A table of Waymo's columns of `lidar_box` and `score`, boxes in its vehicle frame; or of our
-    columns: `frame` or `source`, `class`, `GEOMETRY`, `score`, in the ego frame or the `world`.
-    Which of them is said by `as_waymo`, or for None by the columns."""
+def of_parquet(path: Path, frames: LogFrames, as_waymo: bool | None, world: bool) -> DetectionTable:
+    """Read a Parquet table of Waymo's columns of `lidar_box` and `score`, or of ours.
+
+    Waymo's boxes are in its vehicle frame. Our columns are `frame` or `source`, `class`,
+    `GEOMETRY`, `score`, in the ego frame or the `world`. `as_waymo` selects between them; None: by
+    the columns."""
     table, source = read_parquet(path).reset_index(drop=True), str(path)
     names: NDArray[Any]
     if waymo.SEGMENT in table if as_waymo is None else as_waymo:
@@ -179,13 +180,13 @@ def of_parquet(path: Path, frames: LogFrames, as_waymo: bool | None, world: bool
     names = texts(table, by, source) if by == SOURCE else frame_numbers(table, source)
     values = numbers(table, GEOMETRY, source)
     boxes = dict(zip(GEOMETRY, values.T, strict=True))
-    found = _rows(path, frames, names, table["class"], boxes, table, class_maps.BOX_LOG)
+    rows = _rows(path, frames, names, table["class"], boxes, table, class_maps.BOX_LOG)
     if world:
-        ego = frames.ego(found.table["frame"].to_numpy(np.int64), found.row)
-        posed = Poses.of_boxes(found.table).seen_from(ego)
+        ego = frames.ego(rows.table["frame"].to_numpy(np.int64), rows.row)
+        posed = Poses.of_boxes(rows.table).seen_from(ego)
         boxes = dict(zip("xyz", posed.position.T, strict=True)) | {"yaw": posed.yaw}
-        return found._replace(table=found.table.assign(**boxes))
-    return found
+        return rows._replace(table=rows.table.assign(**boxes))
+    return rows
 
 
 def _rows(
@@ -195,9 +196,9 @@ def _rows(
     categories: pd.Series,
     boxes: dict[str, NDArray[np.float64]],
     table: pd.DataFrame,
-    known: ClassMap,
-) -> Found:
+    class_map: ClassMap,
+) -> DetectionTable:
     row = rows_of(path)
-    own = {"frame": frames.named(names.tolist(), row), "category": categories.to_numpy(object)}
+    columns = {"frame": frames.named(names.tolist(), row), "category": categories.to_numpy(object)}
     score = numbers(table, ["score"], str(path))[:, 0]
-    return Found(pd.DataFrame({**own, **boxes, "score": score}), row, known)
+    return DetectionTable(pd.DataFrame({**columns, **boxes, "score": score}), row, class_map)

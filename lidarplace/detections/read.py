@@ -10,11 +10,12 @@ import pandas as pd
 
 from lidarplace.base.class_names import IGNORE
 from lidarplace.base.errors import InputError, at
-from lidarplace.detections import layouts, limits
-from lidarplace.detections.layouts import Found, LogFrames
+from lidarplace.detections import layouts
+from lidarplace.detections.layouts import DetectionTable, LogFrames
 from lidarplace.files.regular import files_in
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.logs.plausibility import check_unit, first_invalid
 from lidarplace.scenes.datasets.class_maps import KITTI, ClassMap, classify, merged
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 
@@ -39,7 +40,7 @@ _CONVERT = (
     "'height', 'yaw']).assign(**{{'source': d['frame_id'], 'class': d['name'], 'score': "
     "d['score']}}) for d in {load}]).eval('z = z + {height}').to_parquet('{out}')\""
 )
-"""For the list of dictionaries that OpenPCDet writes: its boxes are in the LiDAR's frame."""
+"""Conversion of OpenPCDet's list of dictionaries, whose boxes are in the LiDAR's frame."""
 
 
 def read_detections(
@@ -53,7 +54,7 @@ def read_detections(
     class_map: ClassMap | None = None,
     ignored: Counter[str] | None = None,
 ) -> pd.DataFrame:
-    """What a detector found in frames of `log`: `COLUMNS`, by frame, in the ego frame.
+    """Read what a detector predicted in frames of `log`: `COLUMNS`, by frame, in the ego frame.
 
     Args:
         paths: files, or folders of them.
@@ -70,88 +71,91 @@ def read_detections(
     """
     files = [(file, layout or _layout(file)) for path in paths for file in _files(path)]
     counter = Counter[str]() if ignored is None else ignored
-    every = {name for _, name in files}
-    if world and every != {"parquet"}:
+    layouts_of_files = {name for _, name in files}
+    if world and layouts_of_files != {"parquet"}:
         raise InputError("only plain Parquet can have boxes in the world", place="world")
-    if calibration is not None and every != {"kitti"}:
+    if calibration is not None and layouts_of_files != {"kitti"}:
         raise InputError("only KITTI's result files need a camera", place=calibration)
     try:
-        frames, found = LogFrames(log.frames), []
+        frames, parts = LogFrames(log.frames), []
         if results := [file for file, name in files if name == "kitti"]:
             camera = calibration, _height(log)
             types = _with(classes, KITTI, class_map)
-            found.append(layouts.of_kitti(results, frames, types, counter, *camera))
+            parts.append(layouts.of_kitti(results, frames, types, counter, *camera))
         for file, name in files:
             if name == "nuscenes":
-                found.append(layouts.of_nuscenes(file, frames))
+                parts.append(layouts.of_nuscenes(file, frames))
             elif name == "argoverse":
-                found.append(layouts.of_argoverse(file, frames))
+                parts.append(layouts.of_argoverse(file, frames))
             elif name != "kitti":
                 as_waymo = None if layout is None else layout == "waymo"
-                found.append(layouts.of_parquet(file, frames, as_waymo, world))
-        tables = [_checked(own, classes, class_map, counter) for own in found]
+                parts.append(layouts.of_parquet(file, frames, as_waymo, world))
+        tables = [_checked(part, classes, class_map, counter) for part in parts]
     except (ValueError, OSError) as error:  # of readers of files, which name file and row
         raise error if isinstance(error, InputError) else InputError(str(error)) from None
     return pd.concat(tables).sort_values("frame", kind="stable", ignore_index=True)
 
 
-def _with(classes: Sequence[str], known: ClassMap, class_map: ClassMap | None) -> ClassMap:
-    """A class map in which the classes of a log are categories, too."""
-    own = {name: name for name in classes}
-    return ChainMap(own, merged(known, class_map))  # type: ignore[arg-type]
+def _with(classes: Sequence[str], usual: ClassMap, class_map: ClassMap | None) -> ClassMap:
+    """Add the classes of a log as categories of a class map."""
+    categories = {name: name for name in classes}
+    return ChainMap(categories, merged(usual, class_map))  # type: ignore[arg-type]
 
 
 def _files(path: Path) -> list[Path]:
-    """The file, or those of a folder that can be detections."""
+    """Return the file, or those of a folder that can be detections."""
     if not path.exists():
         raise InputError("no such file or folder", place=path)
-    own = [path]
+    files = [path]
     if path.is_dir():
-        own = [file for file in files_in(path) if file.suffix in {**_SUFFIXES, **_PICKLES}]
-    if not own:
+        files = [file for file in files_in(path) if file.suffix in {**_SUFFIXES, **_PICKLES}]
+    if not files:
         raise InputError("no detections", place=path, expected=f"files {', '.join(_SUFFIXES)}")
-    for file in own:
+    for file in files:
         if (load := _PICKLES.get(file.suffix)) is not None:
             names = {"module": load.partition(".")[0], "load": load.format(file)}
             line = _CONVERT.format(**names, height=LIDAR_HEIGHT_M, out=file.with_suffix(".parquet"))
             fix = f"one of OpenPCDet becomes Parquet by: {line}"
             raise InputError("a pickle can run code, so none is read", place=file, fix=fix)
-    return own
+    return files
 
 
 def _layout(path: Path) -> Layout:
-    """By the suffix. Raises InputError for an unknown one."""
     if path.suffix not in _SUFFIXES:
-        wanted = ", ".join(_SUFFIXES)
-        raise InputError("unknown layout", place=path, expected=wanted, found=path.suffix)
+        expected = ", ".join(_SUFFIXES)
+        raise InputError("unknown layout", place=path, expected=expected, found=path.suffix)
     return _SUFFIXES[path.suffix]
 
 
 def _height(log: BoxLog) -> float:
-    """Of the LiDAR above the ground: that of a log of KITTI, or the usual one."""
+    """Return the height of the LiDAR above the ground: that of a log of KITTI, or the usual one."""
     placements = (rig.placement for rig in log.rigs.values())
-    heights = {own.mounts[0].z for own in placements if own.name == "kitti"}
+    heights = {rig.mounts[0].z for rig in placements if rig.name == "kitti"}
     return heights.pop() if len(heights) == 1 else LIDAR_HEIGHT_M
 
 
 def _checked(
-    found: Found, classes: Sequence[str], class_map: ClassMap | None, ignored: Counter[str]
+    detections: DetectionTable,
+    classes: Sequence[str],
+    class_map: ClassMap | None,
+    ignored: Counter[str],
 ) -> pd.DataFrame:
-    """`COLUMNS` of the detections of `classes`. Raises InputError for what no box can be."""
-    table = found.table
+    """Validate detections, and select `COLUMNS` of those of `classes`.
+
+    Raises InputError for what no box can be."""
+    table = detections.table
     if not len(table):
         return pd.DataFrame(columns=list(COLUMNS)).astype(_TYPES)
-    values = table[list(limits.COLUMNS)].to_numpy(np.float64)
-    if (invalid := limits.first_invalid(values)) is not None:
+    values = table[[*GEOMETRY, "score"]].to_numpy(np.float64)
+    if (invalid := first_invalid(values)) is not None:
         row, key, expected = invalid
-        where = {"place": found.row(row), "key": key}
+        where = {"place": detections.row(row), "key": key}
         value = f"{table[key].iloc[row]:g}"
         raise InputError("invalid value", **where, expected=expected, found=value)
-    with at(found.row(0)):
-        limits.check_unit(values[:, 3:6])
-    types = _with(classes, found.known, class_map)
-    of_class = classify(table["category"], types, found.row, ignored)
-    kept = np.isin(of_class, list(classes))
-    lost = table["category"][~kept & (of_class != IGNORE)]
-    ignored.update(lost.tolist())
-    return table.assign(**{"class": of_class})[kept][list(COLUMNS)].astype(_TYPES)
+    with at(detections.row(0)):
+        check_unit(values[:, 3:6])
+    types = _with(classes, detections.class_map, class_map)
+    class_of = classify(table["category"], types, detections.row, ignored)
+    in_classes = np.isin(class_of, list(classes))
+    ignored.update(table["category"][~in_classes & (class_of != IGNORE)].tolist())
+    return table.assign(**{"class": class_of})[in_classes][list(COLUMNS)].astype(_TYPES)

@@ -50,7 +50,7 @@ def _no_buildings() -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class BoxLog:
-    """What was around the vehicle in every frame.
+    """Boxes around the vehicle in every frame.
 
     Attributes:
         boxes: one row a box, columns `BOX_COLUMNS`, ego frame. A source that counts the real
@@ -89,7 +89,7 @@ class BoxLog:
 
 
 def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
-    """One log of several, in their order; their frame numbers must differ.
+    """Join logs in their order; their frame numbers must differ.
 
     Raises ValueError if there is none, or two have one frame, or other rigs or worlds of a scene.
     """
@@ -103,8 +103,8 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
         for scene, rig in log.rigs.items():
             if rigs.setdefault(scene, rig) != rig:
                 raise InputError("different rigs in two of the logs", place=f"scene {scene}")
-        for scene, own in log.world.items():
-            if world.setdefault(scene, own) is not own:
+        for scene, static in log.world.items():
+            if world.setdefault(scene, static) is not static:
                 raise InputError("a static world in two of the logs", place=f"scene {scene}")
     boxes, frames, buildings = (
         pd.concat([getattr(log, name) for log in logs], ignore_index=True)
@@ -121,21 +121,21 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
 
     They are renamed into place when all of them are written."""
     folder.mkdir(parents=True, exist_ok=True)
-    further = (*POSE_COLUMNS, *FULL_POSE_COLUMNS, SOURCE)
-    known = [name for name in further if name in log.frames.columns]
+    optional = (*POSE_COLUMNS, *FULL_POSE_COLUMNS, SOURCE)
+    further = [name for name in optional if name in log.frames.columns]
     if not log.rigs:
         (folder / RIG_FILE).unlink(missing_ok=True)
     if not log.world:
         (folder / WORLD_FILE).unlink(missing_ok=True)
     with ExitStack() as stack:
-        for name, table, own in (
-            ("frames", log.frames, (*FRAME_COLUMNS, *known)),
+        for name, table, names in (
+            ("frames", log.frames, (*FRAME_COLUMNS, *further)),
             ("buildings", log.buildings, BUILDING_COLUMNS),
             ("boxes", log.boxes, (*BOX_COLUMNS, *count_columns(log.boxes))),
         ):
             partial = stack.enter_context(replacing(folder / f"{name}.parquet"))
             with partial.open("wb") as file:  # pandas would take http:/… for an address
-                table[list(own)].to_parquet(file, index=False)
+                table[list(names)].to_parquet(file, index=False)
         if log.rigs:
             partial = stack.enter_context(replacing(folder / RIG_FILE))
             rigs = {scene: asdict(rig) for scene, rig in log.rigs.items()}
@@ -145,7 +145,7 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
 
 
 def evenly(frames: pd.DataFrame, most: int | None) -> pd.DataFrame:
-    """At most so many rows of a table, spread evenly over it; all of them for None."""
+    """Select at most so many rows of a table, spread evenly over it; all of them for None."""
     if most is None or most >= len(frames):
         return frames
     return frames.iloc[np.linspace(0, len(frames) - 1, most).round().astype(int)]
@@ -155,6 +155,7 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
     """Read what `write_box_log` wrote; `buildings.parquet`, `rig.json`, `world.npz` may be missing.
 
     Args:
+        folder: the folder of the log.
         most_frames: read at most so many frames, spread evenly over the log; the boxes of others
             are not kept in memory.
 
@@ -178,14 +179,16 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
 
 
 def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: str) -> None:
-    """Raise ValueError for the first box, of `source`, in no frame of the table `name`, or if most
-    boxes are of another time than their frame."""
+    """Raise ValueError for the first box, of `source`, in no frame of the table `name`.
+
+    Also if most boxes are of another time than their frame."""
     row = pd.Index(frames["frame"]).get_indexer(pd.Index(boxes["frame"]))
     columns.check_values(boxes, ["frame"], row < 0, f"one of {name}, which lists all", source)
     if "timestamp_s" not in boxes or "timestamp_s" not in frames or boxes.empty:
         return
     time, box_time = (table["timestamp_s"].to_numpy(np.float64) for table in (frames, boxes))
-    off = np.abs(box_time - time[row]) if np.ptp(box_time) > 0 else np.zeros(len(box_time))
+    several = boxes["timestamp_s"].nunique() > 1
+    off = np.abs(box_time - time[row]) if several else np.zeros(len(box_time))
     step = frames.sort_values("frame")["timestamp_s"].diff().abs().median()
     if step > 0 and (far := off > step / 2).mean() > 0.5:
         problem = f"the time is not that of the frame in {name} in {far.mean():.0%} of the rows"
@@ -195,7 +198,9 @@ def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: s
 
 
 def read_rigs(folder: Path) -> dict[str, RecordedRig]:
-    """The rigs by scene alone; none where there is no file. Raises ValueError for a wrong file."""
+    """Read the rigs by scene alone; none where there is no file.
+
+    Raises ValueError for an invalid file."""
     path = folder / RIG_FILE
     if not is_there(path):
         return {}
@@ -211,15 +216,15 @@ def _check_counted(rigs: Mapping[str, RecordedRig], boxes: pd.DataFrame, path: P
     """Raise InputError if a LiDAR has counts but is none of its scene's rig."""
     for name, column in points_of(boxes).items():
         for scene in boxes.loc[boxes[column].notna(), "scene"].unique():
-            if scene in rigs and name not in (own := rigs[scene].names):
+            if scene in rigs and name not in rigs[scene].names:
                 problem = "rig of other LiDARs than the counts in boxes.parquet"
-                found, fix = ", ".join(own), "convert the log again with its own rig"
+                names, fix = ", ".join(rigs[scene].names), "convert the log again with its own rig"
                 place = f"{path}: scene {scene}"
-                raise InputError(problem, place=place, expected=name, found=found, fix=fix)
+                raise InputError(problem, place=place, expected=name, found=names, fix=fix)
 
 
 def read_frames(folder: Path) -> pd.DataFrame:
-    """The table of frames alone. Raises ValueError as `read_box_log` does."""
+    """Read the table of frames alone; raise ValueError as `read_box_log` does."""
     source = str(folder / "frames.parquet")
     frames = read_parquet(folder / "frames.parquet")
     columns.check_columns(list(frames.columns), FRAME_COLUMNS, source)
@@ -236,8 +241,9 @@ def read_frames(folder: Path) -> pd.DataFrame:
 
 
 def read_boxes(folder: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
-    """The boxes alone; if `frames` are given those of others are not kept in memory. Raises
-    ValueError as `read_box_log` does."""
+    """Read the boxes alone; with `frames` those of others are not kept in memory.
+
+    Raises ValueError as `read_box_log` does."""
     source = str(folder / "boxes.parquet")
     boxes = read_parquet(folder / "boxes.parquet", frames)
     columns.check_columns(list(boxes.columns), BOX_COLUMNS, source)
@@ -254,7 +260,9 @@ def read_boxes(folder: Path, frames: Sequence[int] | None = None) -> pd.DataFram
 
 
 def read_buildings(folder: Path) -> pd.DataFrame:
-    """The buildings alone; none where there is no file. Raises ValueError for what is wrong."""
+    """Read the buildings alone; none where there is no file.
+
+    Raises ValueError for an invalid one."""
     if not is_there(path := folder / "buildings.parquet"):
         return _no_buildings()
     buildings, source = read_parquet(path), str(path)
@@ -266,5 +274,5 @@ def read_buildings(folder: Path) -> pd.DataFrame:
 
 
 def _with_texts(table: pd.DataFrame, names: Sequence[str], source: str) -> pd.DataFrame:
-    """The table with names that are numbers as text, which joins with other tables."""
+    """Turn names that are numbers into text, which joins with other tables."""
     return table.assign(**{name: columns.texts(table, name, source) for name in names})

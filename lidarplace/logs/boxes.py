@@ -26,7 +26,7 @@ BOX_COLUMNS = ("scene", "frame", "timestamp_s", "object_id", "class", *GEOMETRY)
 FRAME_COLUMNS = ("scene", "frame", "timestamp_s", "route", "split")
 SPLITS = ("train", "test")  # what a frame is for
 POSE_COLUMNS = ("ego_x", "ego_y", "ego_yaw")
-"""Where the vehicle was in the world frame of its scene; a log may lack them."""
+"""Pose of the vehicle in the world frame of its scene; a log may lack it."""
 FULL_POSE_COLUMNS = ("ego_z", "ego_roll", "ego_pitch")
 """The rest of its pose, for logs that know all of it: metres, and radians about our axes."""
 CLOUD = "cloud"
@@ -40,7 +40,8 @@ of the LiDAR NAME of the recorded rig."""
 
 
 def full_poses(frames: pd.DataFrame) -> dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """From the ego frame to the world of the scene, by frame: rotation (3, 3) and position (3,).
+    """Return rotation (3, 3) and position (3,) of the vehicle in the scene's world, by frame.
+
     Height, roll and pitch are 0 where they are not known, so the world is level there. Frames
     without a finite pose are left out. Needs `POSE_COLUMNS`."""
     names = (*POSE_COLUMNS, *FULL_POSE_COLUMNS)
@@ -57,14 +58,15 @@ def full_poses(frames: pd.DataFrame) -> dict[int, tuple[NDArray[np.float64], NDA
 def geometry_of(
     centre: NDArray[np.float64], size: NDArray[np.float64], yaw: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Columns of `GEOMETRY` from centres, (n, 3), sizes, (n, 3), and yaws, (n,)."""
+    """Return columns of `GEOMETRY` from centres, (n, 3), sizes, (n, 3), and yaws, (n,)."""
     return dict(zip(GEOMETRY, (*centre.T, *size.T, yaw), strict=True))
 
 
 def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
-    """Raise ValueError that names the column or row, unless `boxes` can be used. Needs `frame`,
-    `class` and the columns of `GEOMETRY`, with finite values and sizes >= 0, and no frame (or
-    scene, where there is one) missing."""
+    """Raise ValueError that names the column or row, unless `boxes` can be used.
+
+    Needs `frame`, `class` and the columns of `GEOMETRY`, with finite values and sizes >= 0, and no
+    frame (or scene, where there is one) missing."""
     if not isinstance(boxes, pd.DataFrame):
         raise InputError(place=source, expected="a DataFrame", found=reprlib.repr(boxes))
     check_columns(list(boxes.columns), ("frame", "class", *GEOMETRY), source)
@@ -88,33 +90,33 @@ def check_classes(boxes: pd.DataFrame, source: str) -> None:
 
 
 def first(bad: ArrayLike) -> int | None:
-    """The first row that is `bad`; (rows,), bool. None if none is."""
+    """Return the first row that is `bad`, (rows,), bool; None if none is."""
     rows = np.flatnonzero(np.asarray(bad, bool))
     return int(rows[0]) if len(rows) else None
 
 
 def rows_of(source: object) -> Callable[[int], str]:
-    """Names rows of a file, for messages."""
+    """Return a function that names rows of a file, for messages."""
     return lambda row: f"{source}: row {row}"
 
 
 def points_of(boxes: pd.DataFrame) -> dict[str, str]:
-    """The column of real points of each LiDAR, by its name; empty where no LiDAR is known."""
+    """Return the column of real points of each LiDAR, by its name; empty where none is known."""
     head = f"{POINTS}/"
     return {name.removeprefix(head): name for name in boxes.columns if name.startswith(head)}
 
 
 def count_columns(boxes: pd.DataFrame) -> list[str]:
-    """The columns of real points that are there, `POINTS` first."""
+    """Return the columns of real points that are there, `POINTS` first."""
     return [name for name in (POINTS, *points_of(boxes).values()) if name in boxes.columns]
 
 
 def frame_ids(table: pd.DataFrame) -> np.ndarray:
-    """Number of the frame of each row, from 0 by order of `frame_keys`; shape (rows,), int64."""
+    """Number the frame of each row, from 0 by order of `frame_keys`; shape (rows,), int64."""
     groups = table.groupby(frame_keys(table), sort=True, observed=True)
     return groups.ngroup().to_numpy(np.int64)
 
 
 def frame_keys(*tables: pd.DataFrame) -> list[str]:
-    """Columns that name a frame in all of `tables`: `scene`, where they have it, and `frame`."""
+    """Return columns that name a frame in all `tables`: `scene`, if they have it, and `frame`."""
     return ["scene"] * all("scene" in table.columns for table in tables) + ["frame"]

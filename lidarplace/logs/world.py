@@ -1,4 +1,4 @@
-"""What stands still in a scene and is no box, as small boxes in cells, and the ground as heights.
+"""Static world of a scene: small boxes in cells of what is no object, and heights of the ground.
 
 Cells are cubes of `CELL_M`; 8 cells along each axis are a block, blocks above each other a column,
 and 16 by 16 columns a tile. The ground is known where there are tiles, at points `PATCH_M` apart.
@@ -37,17 +37,17 @@ class StaticWorld:
     tiles: NDArray[np.int32]
     """i, j of tiles with ground, which start at (i, j) * `TILE_M` from the origin, shape (t, 2)."""
     heights: NDArray[np.float32]
-    """Of the ground at the corners of their patches, metres above the origin, [x, y], shape
+    """Heights of ground at the corners of their patches, metres above the origin, [x, y], shape
     (t, 9, 9); NaN where it is unknown: a patch needs its four."""
 
     def boxes(self) -> NDArray[np.float64]:
-        """Boxes of the cells: x0, y0, z0, x1, y1, z1 in the world frame, metres, shape (n, 6)."""
+        """Return boxes of the cells: x0, y0, z0, x1, y1, z1 in the world, metres, shape (n, 6)."""
         corner = np.tile(cells_of_keys(self.keys), 2)
         return np.tile(self.origin, 2) + CELL_M * (corner + self.cells[:, :6] / 255.0)
 
 
 def cell_keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """A number of each cell (i, j, k), shape (n, 3) to (n,): by tile, column, block and place."""
+    """Number cells (i, j, k), shape (n, 3) to (n,): by tile, column, block and place."""
     i, j, k = cells.T
     tile = (i // (TILE * BLOCK) + HALF_TILES) * 2 * HALF_TILES + j // (TILE * BLOCK) + HALF_TILES
     column = i // BLOCK % TILE * TILE + j // BLOCK % TILE
@@ -56,7 +56,7 @@ def cell_keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def cells_of_keys(keys: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The inverse of `cell_keys`, shape (n,) to (n, 3)."""
+    """Return the cells of `cell_keys`, shape (n,) to (n, 3)."""
     rest, k = np.divmod(keys, BLOCK)
     rest, j = np.divmod(rest, BLOCK)
     rest, i = np.divmod(rest, BLOCK)
@@ -91,8 +91,9 @@ def write_worlds(path: Path, worlds: Mapping[str, StaticWorld]) -> None:
 
 
 def read_worlds(path: Path) -> dict[str, StaticWorld]:
-    """Read what `write_worlds` wrote, by the names of the scenes. Raises OSError for a file that
-    cannot be read, ValueError for another or a damaged one."""
+    """Read what `write_worlds` wrote, by the names of the scenes.
+
+    Raises OSError for a file that cannot be read, ValueError for another or a damaged one."""
     arrays, worlds = read_npz(path), {}
     scenes = arrays.get("scenes", np.empty(0, str))
     if "scenes" not in arrays or scenes.dtype.kind != "U" or scenes.ndim != 1:
@@ -100,8 +101,8 @@ def read_worlds(path: Path) -> dict[str, StaticWorld]:
     for number, scene in enumerate(scenes.tolist()):
         place = f"{path}: scene {scene}"
         for name, (dtype, shape) in _ARRAYS.items():
-            found = arrays.get(f"{number}/{name}")
-            lengths = () if found is None or found.dtype != dtype else found.shape
+            array = arrays.get(f"{number}/{name}")
+            lengths = () if array is None or array.dtype != dtype else array.shape
             if len(lengths) != len(shape) or any(
                 want not in (-1, have) for have, want in zip(lengths, shape, strict=True)
             ):

@@ -1,4 +1,4 @@
-"""How much of what one sensor sees another one sees, too: what calibration of the two needs."""
+"""Field of view that two sensors have in common, as their calibration needs it."""
 
 from __future__ import annotations
 
@@ -23,15 +23,14 @@ Pair = tuple[int, int]
 
 @dataclass(frozen=True)
 class CommonView:
-    """What pairs of sensors have to see in common.
+    """A field of view that pairs of sensors must have in common.
 
     Attributes:
-        pairs: all of them; chain: so many that each sensor is connected with each other one, over
-            others; or these, numbers from 0.
+        pairs: all of them; chain: enough to connect each sensor with each other one, over others;
+            or these, numbers from 0.
         share: of the smaller field of view, less what the vehicle hides of it.
-        range: at which it is looked at, metres from the sensor with the smaller one; nearer where
-            one of the two does not reach so far.
-    """
+        range: distance at which views are compared, metres from the sensor with the smaller one;
+            nearer where one of the two does not reach so far."""
 
     pairs: Literal["all", "chain"] | tuple[Pair, ...]
     share: float
@@ -41,17 +40,18 @@ class CommonView:
 def shares(
     views: Sequence[View], pairs: Sequence[Pair], range_m: float, obstacles: Sequence[Obstacles]
 ) -> dict[Pair, float]:
-    """The share of the smaller field of view of each pair that both see.
+    """Return the share of the smaller field of view of each pair that both see.
 
-    A sensor that is not there sees nothing. The smaller is the one with the smaller solid angle; of
+    A sensor that is missing sees nothing. The smaller is the one with the smaller solid angle; of
     two that are alike the first. One of no solid angle, such as that of a single beam, is taken for
     what it goes around.
 
     Args:
         views: of all sensors; LiDARs first, whose housings do not hide the world from themselves.
-        obstacles: what hides the world from each.
-    """
-    found = dict.fromkeys(pairs, 0.0)
+        pairs: numbers of the sensors.
+        range_m: see `CommonView.range`.
+        obstacles: what hides the world from each."""
+    common_shares = dict.fromkeys(pairs, 0.0)
     pairs = [pair for pair in pairs if max(pair) < len(views)]
     solid: dict[int, float] = {}
     edges: dict[int, Edges] = {}
@@ -74,54 +74,60 @@ def shares(
         if at <= 0:
             continue
         first, other = (i, j) if solid[i] <= solid[j] * (1 + 1e-9) else (j, i)
-        own, common = parts(first, other, at)
-        found[i, j] = common / own if own > 0 else 0.0
-    return found
+        whole, common = parts(first, other, at)
+        common_shares[i, j] = common / whole if whole > 0 else 0.0
+    return common_shares
 
 
-def weakest(found: dict[Pair, float], asked: CommonView) -> tuple[float, Pair | None]:
-    """The least share that matters, and the pair that has it; (1, None) without pairs. Of a chain
-    that of the links that connect all sensors best."""
-    if asked.pairs == "chain":
-        found = _links(found)
-    if not found:
+def weakest(view_shares: dict[Pair, float], view: CommonView) -> tuple[float, Pair | None]:
+    """Return the least share that matters, and the pair that has it; (1, None) without pairs.
+
+    In a chain it is that of the links that connect all sensors best."""
+    if view.pairs == "chain":
+        view_shares = _links(view_shares)
+    if not view_shares:
         return 1.0, None
-    pair = min(found, key=lambda own: found[own])
-    return found[pair], pair
+    pair = min(view_shares, key=lambda pair: view_shares[pair])
+    return view_shares[pair], pair
 
 
-def _links(found: dict[Pair, float]) -> dict[Pair, float]:
-    """The spanning tree of the largest shares (Kruskal)."""
-    group = {n: n for pair in found for n in pair}
+def _links(view_shares: dict[Pair, float]) -> dict[Pair, float]:
+    """Return the spanning tree of the largest shares (Kruskal)."""
+    group = {n: n for pair in view_shares for n in pair}
     links = {}
-    for (i, j), share in sorted(found.items(), key=lambda own: -own[1]):
+    for (i, j), share in sorted(view_shares.items(), key=lambda item: -item[1]):
         if group[i] != group[j]:
             links[i, j] = share
             old, new = group[j], group[i]
-            group = {n: new if own == old else own for n, own in group.items()}
+            group = {n: new if label == old else label for n, label in group.items()}
     return links
 
 
-def pairs_asked(asked: CommonView, sensors: int) -> list[Pair]:
-    """The pairs that have to be looked at, numbers from 0."""
-    return list(combinations(range(sensors), 2) if isinstance(asked.pairs, str) else asked.pairs)
+def pairs_to_compare(view: CommonView, sensors: int) -> list[Pair]:
+    """Return the pairs to compare, numbers from 0."""
+    return list(combinations(range(sensors), 2) if isinstance(view.pairs, str) else view.pairs)
 
 
-def check_pairs(asked: CommonView, sensors: int) -> None:
-    """Raise ValueError if a rig has not all sensors that are named."""
-    most = max(max(pair) for pair in pairs_asked(asked, sensors) or [(0, 0)])
+def check_pairs(view: CommonView, sensors: int) -> None:
+    """Raise ValueError if a rig lacks a sensor that is named."""
+    most = max(max(pair) for pair in pairs_to_compare(view, sensors) or [(0, 0)])
     if most >= sensors:
-        known = f"sensors from 1 to {sensors}"
-        raise InputError(key="common_view.pairs", expected=known, found=most + 1)
+        sensor_numbers = f"sensors from 1 to {sensors}"
+        raise InputError(key="common_view.pairs", expected=sensor_numbers, found=most + 1)
 
 
 def common_view(
-    placement: Placement, vehicle: Vehicle, asked: CommonView, further: Sequence[MountedSensor] = ()
+    placement: Placement, vehicle: Vehicle, view: CommonView, further: Sequence[MountedSensor] = ()
 ) -> dict[Pair, float]:
-    """`shares` of the pairs of a rig that are asked for; numbers of `further` cameras and radars
-    follow those of the LiDARs. The vehicle hides the world from all, as housings of LiDARs do."""
+    """Return `shares` of the pairs of a rig that are to be compared.
+
+    Numbers of `further` cameras and radars follow those of the LiDARs. The vehicle hides the world
+    from all, as housings of LiDARs do."""
     housings = housings_in(placement)
-    views = [*views_of(placement), *(view_of_sensor(own, own.range_of(None)) for own in further)]
+    views = [
+        *views_of(placement),
+        *(view_of_sensor(sensor, sensor.range_of(None)) for sensor in further),
+    ]
     obstacles = [obstacles_of(vehicle, housings)] * len(placement.mounts)
-    obstacles += [obstacles_of(vehicle, housings, own.mount.position) for own in further]
-    return shares(views, pairs_asked(asked, len(views)), asked.range, obstacles)
+    obstacles += [obstacles_of(vehicle, housings, sensor.mount.position) for sensor in further]
+    return shares(views, pairs_to_compare(view, len(views)), view.range, obstacles)

@@ -1,4 +1,4 @@
-"""Mounts that are not where they were meant to be, the same for all rigs."""
+"""Errors of mounts that are not where they were meant to be, the same for all rigs."""
 
 import math
 from dataclasses import dataclass, replace
@@ -13,15 +13,14 @@ from lidarplace.rigs.pose import angles
 
 @dataclass(frozen=True)
 class MountingErrors:
-    """How far each LiDAR may be off: an offset and a rotation vector w, `exp(w) R` for a mount's R.
+    """Limits of an offset and of a rotation vector w, `exp(w) R` for a mount's rotation R.
 
     Both are in the ego frame; their components are uniform and independent. So the angles spread
     alike about every axis, also where pitch is ±90°.
 
     Attributes:
         offset: metres at most, along each axis; finite, not negative.
-        angle: radians at most, each component of the rotation vector; finite, not negative.
-    """
+        angle: radians at most, each component of the rotation vector; finite, not negative."""
 
     offset: float = 0.0
     angle: float = 0.0
@@ -34,8 +33,9 @@ class MountingErrors:
         return self.offset > 0 or self.angle > 0
 
     def drawn(self, placement: Placement, *key: int) -> Placement:
-        """The rig as one vehicle has it, which `key` identifies, such as a seed and a frame. In one
-        vehicle the i-th LiDAR of every rig is off by the same: differences are paired."""
+        """Draw the rig as one vehicle has it, which `key` identifies, such as a seed and a frame.
+
+        In one vehicle the i-th LiDAR of every rig is off by the same: differences are paired."""
         every = [*placement.mounts, *(mount for mount, _ in placement.dead)]
         off = [self.displaced(m, np.random.default_rng((*key, n))) for n, m in enumerate(every)]
         working = len(placement.mounts)
@@ -43,7 +43,7 @@ class MountingErrors:
         return replace(placement, mounts=off[:working], dead=tuple(dead))
 
     def displaced(self, mount: Mount, random: np.random.Generator) -> Mount:
-        """The mount with an error of its own; its angles are those of the turned rotation."""
+        """Draw the mount with an error; its angles are those of the turned rotation."""
         shift, turn = random.uniform(-1, 1, (2, 3)) * [[self.offset], [self.angle]]
         x, y, z = (mount.position + shift).tolist()
         roll, pitch, yaw = mount.roll, mount.pitch, mount.yaw
@@ -55,6 +55,6 @@ class MountingErrors:
 def fleet(
     placement: Placement, errors: MountingErrors, number: int, seed: int
 ) -> tuple[Placement, ...]:
-    """The rig as so many vehicles have it; the rig itself if `number` is 0."""
+    """Draw the rig as `number` vehicles have it; the rig itself if `number` is 0."""
     drawn = (errors.drawn(placement, seed, vehicle) for vehicle in range(1, number + 1))
     return tuple(drawn) or (placement,)

@@ -1,7 +1,5 @@
-"""Pairs of LiDARs: how far apart they are, and which look into each other, so that the light of one
-blinds or deceives the other."""
+"""Pairs of LiDARs that look into each other: the light of one blinds or deceives the other."""
 
-import math
 from itertools import combinations
 
 from lidarplace.mounting.field_of_view import in_view, views_of
@@ -11,15 +9,17 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 
 BAND_M = 50e-9
-"""Filters before detectors keep out light of wavelengths that differ by more."""
+"""Difference of wavelengths beyond which filters before detectors keep out light, metres."""
 
 
 def facing_pairs(placement: Placement, vehicle: Vehicle) -> list[tuple[int, int]]:
-    """Numbers, from 0, of pairs each of which has the other in its field of view and in sight.
-    Body, keep-outs and housings of further LiDARs hide one from the other. A field of view goes
-    from the lowest to the highest beam: whether a beam meets the window is left to tolerances."""
+    """Return pairs of LiDARs each of which has the other in its field of view and in sight.
+
+    Numbers from 0. Body, keep-outs and housings of further LiDARs hide one from the other. A field
+    of view goes from the lowest to the highest beam: whether a beam meets the window is left to
+    tolerances."""
     views, obstacles = views_of(placement), obstacles_of(vehicle, housings_in(placement))
-    found = []
+    pairs = []
     for i, j in combinations(range(len(views)), 2):
         one, other = views[i], views[j]
         dx, dy, dz = (other.origin - one.origin).tolist()
@@ -31,11 +31,5 @@ def facing_pairs(placement: Placement, vehicle: Vehicle) -> list[tuple[int, int]
             and in_view(other, *one.origin)
             and not stopped(one.origin, dx, dy, dz, 1.0, between, i)
         ):
-            found.append((i, j))
-    return found
-
-
-def least_distance(placement: Placement) -> float:
-    """Between the positions of the two closest LiDARs, metres; `inf` for a single one."""
-    places = [(mount.x, mount.y, mount.z) for mount in placement.mounts]
-    return min((math.dist(a, b) for a, b in combinations(places, 2)), default=math.inf)
+            pairs.append((i, j))
+    return pairs

@@ -1,5 +1,4 @@
-"""What a sensor can look at: a box of angles or a cone in its own frame, or the pyramid of a
-camera, up to its reach."""
+"""Fields of view: a box of angles or a cone in the sensor's frame, or the pyramid of a camera."""
 
 from __future__ import annotations
 
@@ -20,7 +19,7 @@ _HAIR = 1e-12  # ends of a field of view belong to it
 
 
 class FieldOfView(NamedTuple):
-    """Directions in the frame of a sensor; all of these limits hold.
+    """Directions in the frame of a sensor, up to its reach; all of these limits hold.
 
     Attributes:
         azimuth: the first one and how far it goes on to the left, radians.
@@ -28,8 +27,7 @@ class FieldOfView(NamedTuple):
         cosine: of half the angle of a cone about the x axis; -1: none.
         slopes: of a pyramid about the x axis to the left, to the right, up and down, as parts of
             what is ahead; infinite: none.
-        reach: metres.
-    """
+        reach: metres."""
 
     azimuth: tuple[float, float]
     sines: tuple[float, float]
@@ -42,7 +40,7 @@ NO_SLOPES = (math.inf, math.inf, math.inf, math.inf)
 
 
 class View(NamedTuple):
-    """A field of view on a vehicle: where its sensor is, and the rotation from its frame."""
+    """A field of view on a vehicle: the place of its sensor, and the rotation from its frame."""
 
     origin: NDArray[np.float64]
     rotation: NDArray[np.float64]
@@ -51,7 +49,9 @@ class View(NamedTuple):
 
 @lru_cache(maxsize=64)
 def field_of(lidar: Lidar) -> FieldOfView:
-    """From the lowest to the highest beam; of a pattern also the cone about all of its rays."""
+    """Return the field of view of a LiDAR, from its lowest to its highest beam.
+
+    That of a pattern is also the cone about all of its rays."""
     start, end = lidar.azimuth
     width = 2 * math.pi if lidar.full_turn else end - start
     cosine = -1.0 if lidar.pattern is None else float(lidar.directions()[:, 0].min())
@@ -60,13 +60,13 @@ def field_of(lidar: Lidar) -> FieldOfView:
 
 
 def pyramid(slopes: tuple[float, float, float, float], reach: float) -> FieldOfView:
-    """Of a camera whose image ends there, see `FieldOfView.slopes`."""
+    """Return the field of view of a camera with these slopes, see `FieldOfView.slopes`."""
     left, right, up, down = (math.atan(slope) for slope in slopes)
     return FieldOfView((-right, right + left), (-math.sin(down), math.sin(up)), -1.0, slopes, reach)
 
 
 def view_of_sensor(sensor: MountedSensor, reach: float) -> View:
-    """What a camera or a radar looks at, so far."""
+    """Return the view of a camera or a radar up to `reach`, metres."""
     model = sensor.model
     if isinstance(model, Camera):
         (width, height), (fx, fy), (cx, cy) = model.pixels, model.focal, model.centre
@@ -78,18 +78,18 @@ def view_of_sensor(sensor: MountedSensor, reach: float) -> View:
 
 
 def view_of(mount: Mount, field: FieldOfView) -> View:
-    """What a sensor looks at on this mount."""
+    """Return the view of a sensor on this mount."""
     return View(mount.position, mount.rotation, field)
 
 
 def views_of(placement: Placement) -> list[View]:
-    """Of all LiDARs of a rig."""
+    """Return the views of all LiDARs of a rig."""
     return list(map(view_of, placement.mounts, map(field_of, placement.lidars)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def in_view(view, x, y, z):
-    """Whether a point is within a field of view; the sensor's own place is not."""
+    """Return whether a point is within a field of view; the sensor's own place is not."""
     px, py, pz = x - view.origin[0], y - view.origin[1], z - view.origin[2]
     ahead, left, up = turned(view.rotation.T, px, py, pz)
     away = math.sqrt(ahead * ahead + left * left + up * up)
@@ -100,7 +100,7 @@ def in_view(view, x, y, z):
 
 @inner
 def has_direction(field, ahead, left, up):
-    """Whether a unit vector in the sensor's frame is within its field of view."""
+    """Return whether a unit vector in the sensor's frame is within its field of view."""
     if not field.sines[0] - _HAIR <= up <= field.sines[1] + _HAIR:
         return False
     start, width = field.azimuth

@@ -1,4 +1,4 @@
-"""The housings of LiDARs, which hide what is behind them from the others of a rig.
+"""Housings of LiDARs, which hide what is behind them from the others of a rig.
 
 A housing is a box around the origin of the sensor's frame and along its axes, or an upright
 cylinder where length and width are equal. A LiDAR whose size is not known hides nothing."""
@@ -14,13 +14,13 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
 COLUMNS = 17
-"""Of a housing: the number of its LiDAR, its origin, its rotation row by row, half its length,
-width and height, and whether it is round; metres."""
+"""Columns of a housing: the number of its LiDAR, its origin, its rotation row by row, half its
+length, width and height, and whether it is round; metres."""
 NO_HOUSINGS = np.empty((0, COLUMNS))
 
 
 def housings_of(mounts: Sequence[Mount], lidars: Sequence[Lidar]) -> NDArray[np.float64]:
-    """The housings of the LiDARs of known size of a rig, shape (n, COLUMNS)."""
+    """Return the housings of the LiDARs of known size of a rig, shape (n, COLUMNS)."""
     rows = []
     for number, (mount, lidar) in enumerate(zip(mounts, lidars, strict=True)):
         if lidar.size is not None:
@@ -31,26 +31,27 @@ def housings_of(mounts: Sequence[Mount], lidars: Sequence[Lidar]) -> NDArray[np.
 
 
 def housings_in(rig: Placement) -> NDArray[np.float64]:
-    """The housings of a rig, those of its dead LiDARs behind the others, shape (n, COLUMNS)."""
+    """Return the housings of a rig, its dead LiDARs behind the others, shape (n, COLUMNS)."""
     every = [*zip(rig.mounts, rig.lidars, strict=True), *rig.dead]
     return housings_of([mount for mount, _ in every], [lidar for _, lidar in every])
 
 
 def as_housings(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Boxes by their lower and upper corners (n, 2, 3) as rows of housings, of no LiDAR."""
-    low, high, own = boxes[:, 0], boxes[:, 1], np.ones((len(boxes), 1))
-    parts = -own, (low + high) / 2, own * np.eye(3).ravel(), (high - low) / 2, 0 * own
+    """Return boxes (n, 2, 3), by lower and upper corners, as rows of housings of no LiDAR."""
+    low, high, ones = boxes[:, 0], boxes[:, 1], np.ones((len(boxes), 1))
+    parts = -ones, (low + high) / 2, ones * np.eye(3).ravel(), (high - low) / 2, 0 * ones
     return np.concatenate(parts, axis=1)
 
 
 def without(housings: NDArray[np.float64], number: int) -> NDArray[np.float64]:
-    """The housings of all LiDARs but one: what can stand in its way."""
+    """Return the housings of all LiDARs but one: what can hide the world from it."""
     return np.asarray(housings[housings[:, 0] != number])
 
 
 def housing_around(rig: Placement, number: int) -> int | None:
-    """Number of a LiDAR in whose housing LiDAR `number` is, from 0, a dead one after the others;
-    None outside of all."""
+    """Return the number of a LiDAR in whose housing LiDAR `number` is; None outside of all.
+
+    Numbers are from 0, dead LiDARs after the others."""
     for housing in without(housings_in(rig), number):
         offset = rig.mounts[number].position - housing[1:4]
         along = np.abs(offset @ housing[4:13].reshape(3, 3))
@@ -63,7 +64,7 @@ def housing_around(rig: Placement, number: int) -> int | None:
 
 @inner
 def turned(rotation, x, y, z):
-    """The vector (x, y, z), turned."""
+    """Return the vector (x, y, z), turned."""
     return (
         rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
         rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
@@ -73,8 +74,9 @@ def turned(rotation, x, y, z):
 
 @inner
 def enter_housing(px, py, pz, vx, vy, vz, housing):
-    """Where a ray p + t v, in the frame of a housing, is inside of it first, t >= 0: 0 for one that
-    starts inside, inf for one that never is; a touch does not count."""
+    """Return the least t >= 0 at which a ray p + t v is inside a housing, in the housing's frame.
+
+    0 for a ray that starts inside, inf for one that never is; a touch does not count."""
     half_x, half_y, half_z, is_round = housing[13], housing[14], housing[15], housing[16] > 0.0
     near, far = 0.0, math.inf
     if is_round:
@@ -102,12 +104,13 @@ def enter_housing(px, py, pz, vx, vy, vz, housing):
 
 
 @inner
-def behind_housing(origin, dx, dy, dz, reach, housings, own):
-    """Whether the ray origin + t (dx, dy, dz) is inside a housing for some t in [0, reach); that of
-    the LiDAR number `own` does not count."""
+def behind_housing(origin, dx, dy, dz, reach, housings, lidar):
+    """Return whether the ray origin + t (dx, dy, dz) is inside a housing for some t in [0, reach).
+
+    The housing of LiDAR `lidar` does not count."""
     for n in range(len(housings)):
         housing = housings[n]
-        if housing[0] == own:
+        if housing[0] == lidar:
             continue
         ex, ey, ez = origin[0] - housing[1], origin[1] - housing[2], origin[2] - housing[3]
         into = housing[4:13].reshape(3, 3).T

@@ -82,6 +82,7 @@ class Mesh:
 
     @cached_property
     def tree(self) -> Tree:
+        """The tree over the triangles."""
         return _tree(self.triangles)
 
     @cached_property
@@ -90,8 +91,9 @@ class Mesh:
         return _tree(self.triangles * [1.0, 1.0, 0.0])
 
     def coarse(self, edge: float) -> Mesh:
-        """The same for pictures: vertices in one cube of this edge, metres, become their middle;
-        the whole mesh where nothing would be left of it."""
+        """Return a coarse mesh for pictures: vertices in one cube of this edge, metres, are merged.
+
+        The whole mesh where nothing would be left of it."""
         cells = np.floor(self.vertices / edge).astype(np.int64)
         _, cube, number = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
         middles = np.stack([np.bincount(cube, axis) for axis in self.vertices.T], axis=1)
@@ -103,15 +105,15 @@ class Mesh:
 
 
 def depths(mesh: Mesh, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far each place is inside of a mesh, 0 outside of it; shapes (P, 3) and (P,), metres."""
+    """Return how far places (P, 3) are inside of a mesh, metres, shape (P,); 0 outside."""
     within = winding_numbers(mesh, places) > 0.5
-    found = np.zeros(len(places))
-    found[within] = distances(mesh.tree, places[within])
-    return np.where(found > _HAIR, found, 0.0)
+    inside = np.zeros(len(places))
+    inside[within] = distances(mesh.tree, places[within])
+    return np.where(inside > _HAIR, inside, 0.0)
 
 
 def winding_numbers(mesh: Mesh, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How often the surface goes around each place, without its sign; shapes (P, 3) and (P,).
+    """Return how often the surface goes around each place (P, 3), without its sign, shape (P,).
 
     1 inside of a closed surface and 0 outside; between them near the holes of one that is open
     (Jacobson and others 2013, *Robust Inside-Outside Segmentation Using Generalized Winding
@@ -122,8 +124,8 @@ def winding_numbers(mesh: Mesh, places: NDArray[np.float64]) -> NDArray[np.float
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def distances(tree: Tree, places):
-    """From each place to the nearest triangle; shapes (P, 3) and (P,), metres."""
-    found = np.empty(len(places))
+    """Return distances from places (P, 3) to the nearest triangle, shape (P,), metres."""
+    nearest = np.empty(len(places))
     for p in range(len(places)):
         place, best, node = places[p], np.inf, 1
         while True:
@@ -140,14 +142,16 @@ def distances(tree: Tree, places):
             node = _next(node)
             if node == 1:
                 break
-        found[p] = math.sqrt(best)
-    return found
+        nearest[p] = math.sqrt(best)
+    return nearest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def first_hit(origin, dx, dy, dz, reach, tree: Tree):
-    """The least t in (0, reach) at which origin + t (dx, dy, dz) meets a triangle, or `reach`. It
-    is met from either side, edges included; not by a ray in its plane."""
+    """Return the least t in (0, reach) at which a ray origin + t (dx, dy, dz) meets a triangle.
+
+    `reach` if there is none. A triangle is met from either side, edges included; not by a ray in
+    its plane."""
     best, node = reach, 1
     while True:
         if _enters(tree.bounds[node], origin, dx, dy, dz, best):
@@ -180,7 +184,7 @@ def _triangles_of(tree: Tree, leaf):
 
 @inner
 def _enters(bounds, origin, dx, dy, dz, reach):
-    """Whether a ray is in a box, its surface included, for some t in [0, reach]."""
+    """Return whether a ray is in a box, its surface included, for some t in [0, reach]."""
     if bounds[0] > bounds[3]:  # it holds nothing
         return False
     near, far = 0.0, reach
@@ -199,7 +203,7 @@ def _enters(bounds, origin, dx, dy, dz, reach):
 
 @inner
 def _meets(triangle, origin, dx, dy, dz):
-    """The t at which a ray meets a triangle, -1 if not (Möller and Trumbore 1997)."""
+    """Return the t at which a ray meets a triangle, -1 if not (Möller and Trumbore 1997)."""
     ax, ay, az = triangle[0]
     bx, by, bz = triangle[1, 0] - ax, triangle[1, 1] - ay, triangle[1, 2] - az
     cx, cy, cz = triangle[2, 0] - ax, triangle[2, 1] - ay, triangle[2, 2] - az
@@ -220,13 +224,13 @@ def _meets(triangle, origin, dx, dy, dz):
 
 @inner
 def _square_distance(triangle, place):
-    """Of a point from a triangle: from its plane above the inside, else from an edge."""
+    """Return the square of the distance of a point from a triangle: from its plane, or an edge."""
     a, b, c = triangle[0], triangle[1], triangle[2]
     nx = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
     ny = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
     nz = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     length = nx * nx + ny * ny + nz * nz
-    best, above = np.inf, length > 0.0
+    best, over_face = np.inf, length > 0.0
     for k in range(3):
         p, q = triangle[k], triangle[(k + 1) % 3]
         ex, ey, ez = q[0] - p[0], q[1] - p[1], q[2] - p[2]
@@ -236,8 +240,8 @@ def _square_distance(triangle, place):
         t = min(max(t, 0.0), 1.0)
         best = min(best, (wx - t * ex) ** 2 + (wy - t * ey) ** 2 + (wz - t * ez) ** 2)
         cross = (ey * wz - ez * wy) * nx + (ez * wx - ex * wz) * ny + (ex * wy - ey * wx) * nz
-        above &= cross >= 0.0
-    if above:
+        over_face &= cross >= 0.0
+    if over_face:
         height = (place[0] - a[0]) * nx + (place[1] - a[1]) * ny + (place[2] - a[2]) * nz
         best = min(best, height * height / length)
     return best
@@ -245,7 +249,7 @@ def _square_distance(triangle, place):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _winding_numbers(places, tree: Tree) -> NDArray[np.float64]:
-    found = np.zeros(len(places))
+    numbers = np.zeros(len(places))
     for p in range(len(places)):
         place, angle, node = places[p], 0.0, 1
         while True:
@@ -264,13 +268,13 @@ def _winding_numbers(places, tree: Tree) -> NDArray[np.float64]:
             node = _next(node)
             if node == 1:
                 break
-        found[p] = angle / (4.0 * math.pi)
-    return found
+        numbers[p] = angle / (4.0 * math.pi)
+    return numbers
 
 
 @inner
 def _solid_angle(triangle, place):
-    """Under which a triangle is seen, signed (Van Oosterom and Strackee 1983)."""
+    """Return the signed solid angle of a triangle (Van Oosterom and Strackee 1983)."""
     x, y, z = place[0], place[1], place[2]
     ax, ay, az = triangle[0, 0] - x, triangle[0, 1] - y, triangle[0, 2] - z
     bx, by, bz = triangle[1, 0] - x, triangle[1, 1] - y, triangle[1, 2] - z
@@ -285,7 +289,7 @@ def _solid_angle(triangle, place):
 
 
 def _area_vectors(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Normals as long as the areas, shape (F, 3)."""
+    """Return normals as long as the areas, shape (F, 3)."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     return 0.5 * np.cross(b - a, c - a)
 
@@ -315,7 +319,7 @@ def _tree(triangles: NDArray[np.float64]) -> Tree:
 
 
 def _morton(places: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Numbers along a curve that keeps close what is close, shape (P,)."""
+    """Return numbers along a curve that keeps close what is close, shape (P,)."""
     low, high = places.min(axis=0), places.max(axis=0)
     cells = ((places - low) / np.maximum(high - low, 1e-300) * 1023).astype(np.int64)
     codes = np.zeros(len(places), np.int64)

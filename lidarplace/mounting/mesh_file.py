@@ -1,4 +1,4 @@
-"""The body of a vehicle from a mesh file: STL, OBJ, PLY, glTF and what else trimesh reads."""
+"""Meshes of vehicles from files: STL, OBJ, PLY, glTF and what else trimesh reads."""
 
 import logging
 import re
@@ -18,27 +18,26 @@ from lidarplace.files.regular import regular
 from lidarplace.mounting.mesh import Mesh
 
 MOST_TRIANGLES = 1_000_000
-"""Beyond, a scan or a drawing of every screw is likelier than a body."""
-SHORTEST_M, LONGEST_M = 0.5, 40.0
-"""Of a vehicle's longest side."""
+"""Largest number of triangles of a body; more are likelier a scan, or every screw."""
+SHORTEST_M, LONGEST_M = 0.5, 40.0  # of a vehicle's longest side
 DEEPEST_M = 0.5
-"""Below the ground."""
+"""Largest depth below the ground, metres."""
 _LOOKS = re.compile("texture|image|bumpmap|opacity|visual|color|material|metadata")
-"""In what trimesh reports of parts that it cannot read: a body needs none of them."""
+"""Words in what trimesh reports of parts that it cannot read and a body does not need."""
 
 
 @contextmanager
 def _reports() -> Iterator[list[logging.LogRecord]]:
     """Keep what trimesh logs, and what NumPy warns of on its behalf, from the terminal."""
-    log, kept = logging.getLogger("trimesh"), BufferingHandler(1000)
+    log, records = logging.getLogger("trimesh"), BufferingHandler(1000)
     propagate, log.propagate = log.propagate, False
-    kept.setLevel(logging.WARNING)
-    log.addHandler(kept)
+    records.setLevel(logging.WARNING)
+    log.addHandler(records)
     try:
         with warnings.catch_warnings(action="ignore"):
-            yield kept.buffer
+            yield records.buffer
     finally:
-        log.removeHandler(kept)
+        log.removeHandler(records)
         log.propagate = propagate
 
 
@@ -51,6 +50,7 @@ def read_mesh(
     """Read the triangles of a file into the ego frame.
 
     Args:
+        path: STL, OBJ, PLY, glTF, or another format of trimesh.
         scale: metres of a unit of the file.
         rotation: from the axes of the file to those of the ego frame, shape (3, 3).
         origin: where the file's origin is in the ego frame, metres.
@@ -64,7 +64,7 @@ def read_mesh(
 
     with regular(path).open("rb"):  # trimesh says of what it cannot open that it is no known format
         pass
-    with at(path), _reports() as told:
+    with at(path), _reports() as reports:
         try:
             read: Any = trimesh.load(path, force="mesh", process=False)
         except ModuleNotFoundError:
@@ -73,7 +73,7 @@ def read_mesh(
             raise InputError(f"not a readable mesh: {first_line(error)}") from None
     turn = np.eye(3) if rotation is None else rotation
     with at(path):
-        for record in told:
+        for record in reports:
             if not _LOOKS.search(record.getMessage()):
                 raise InputError("is a damaged mesh", found=record.getMessage())
         if (count := len(read.faces)) > MOST_TRIANGLES:
@@ -94,9 +94,10 @@ def _check_size(mesh: Mesh) -> None:
         raise InputError(expected=longest, found=sides, fix=unit)
     origin = "origin is where the file's origin is in the ego frame"
     if low[2] < -DEEPEST_M:
-        deepest, found = f"at most {DEEPEST_M:g} m under the ground", f"{-low[2]:.3g} m ({sides})"
+        deepest = f"at most {DEEPEST_M:g} m under the ground"
+        depth = f"{-low[2]:.3g} m ({sides})"
         turned = f"{origin}; roll_deg: 90 turns a file whose y axis points up"
-        raise InputError(expected=deepest, found=found, fix=turned)
+        raise InputError(expected=deepest, found=depth, fix=turned)
     if (far := np.abs([low[:2], high[:2]]).max()) > LONGEST_M:
         farthest = f"at most {LONGEST_M:g} m from the middle of the vehicle"
         raise InputError(expected=farthest, found=f"{far:,.3g} m", fix=origin)

@@ -20,7 +20,8 @@ NANOMETRE = 1e-9
 
 
 def polygon(vertices: Iterable[Vertex]) -> Polygon:
-    """The polygon of these vertices: rounded, without repetitions, a segment or point if it is one.
+    """Return the polygon of these vertices: rounded, without repetitions, maybe a segment or point.
+
     Raises ValueError for no vertex, one that is not finite, or edges that cross or touch."""
     rounded = [(round(float(x), GRID_DIGITS), round(float(y), GRID_DIGITS)) for x, y in vertices]
     if not rounded:
@@ -42,7 +43,8 @@ def polygon(vertices: Iterable[Vertex]) -> Polygon:
 
 
 def sections(vertices: Polygon, axis: int, value: float) -> list[Interval]:
-    """Where the polygon meets a line on which one coordinate, 0 for x and 1 for y, has a `value`.
+    """Return intervals on the line on which one coordinate, 0 for x and 1 for y, has a `value`.
+
     Ascending intervals of the other coordinate, of zero width where a tip touches the line."""
     other = 1 - axis
     cuts: set[float] = set()
@@ -56,52 +58,51 @@ def sections(vertices: Polygon, axis: int, value: float) -> list[Interval]:
             cuts.add(cut)
             if (a[axis] <= value) != (b[axis] <= value):
                 across.append(cut)
-    found: list[Interval] = []
+    intervals: list[Interval] = []
     ends = sorted(cuts)
     if ends:
-        found.append((ends[0], ends[0]))
+        intervals.append((ends[0], ends[0]))
     for low, high in pairwise(ends):
         inside = sum(cut >= high for cut in across) % 2 == 1
         if inside or any(start <= low and high <= end for start, end in on_line):
-            found[-1] = (found[-1][0], high)
+            intervals[-1] = (intervals[-1][0], high)
         else:
-            found.append((high, high))
-    return found
+            intervals.append((high, high))
+    return intervals
 
 
 def nearest(vertices: Polygon, x: float, y: float) -> Vertex:
-    """The point of the polygon that is closest to (x, y)."""
+    """Return the point of the polygon that is closest to (x, y)."""
     if any(low <= y <= high for low, high in sections(vertices, 0, x)):
         return x, y
     return nearest_of_boundary(vertices, x, y)
 
 
 def nearest_of_boundary(vertices: Polygon, x: float, y: float) -> Vertex:
-    """The point of the boundary that is closest to (x, y)."""
+    """Return the point of the boundary that is closest to (x, y)."""
     feet = [_foot(a, b, (x, y)) for a, b in _edges(vertices)]
     return min(feet, key=lambda foot: math.dist(foot, (x, y)))
 
 
 def above_x_axis(vertices: Polygon) -> Polygon | None:
-    """The part with y > 0 and its boundary; None if there is none, ValueError if it is in
-    pieces."""
+    """Return the part with y >= 0; None without any y > 0, ValueError if it is in pieces."""
     if max(y for _, y in vertices) <= 0:
         return None
-    kept: list[Vertex] = []
+    corners: list[Vertex] = []
     for a, b in _edges(vertices):  # Sutherland and Hodgman 1974
         if a[1] >= 0:
-            kept.append(a)
+            corners.append(a)
         if min(a[1], b[1]) < 0 < max(a[1], b[1]):
-            kept.append((_crossing(a, b, 1, 0.0), 0.0))
+            corners.append((_crossing(a, b, 1, 0.0), 0.0))
     try:
-        return polygon(_without_spikes(kept))
+        return polygon(_without_spikes(corners))
     except ValueError:  # what joins the pieces runs along y = 0, to and fro
         one, fix = "one piece with y > 0", "split the zone"
         raise InputError(expected=one, found="several", fix=fix) from None
 
 
 def _without_spikes(vertices: list[Vertex]) -> list[Vertex]:
-    """Without the vertices where the boundary turns back on y = 0."""
+    """Remove the vertices where the boundary turns back on y = 0."""
     rest = list(vertices)
     i = 0
     while i < len(rest) and len(rest) > 2:
@@ -115,12 +116,12 @@ def _without_spikes(vertices: list[Vertex]) -> list[Vertex]:
 
 
 def _edges(vertices: Polygon) -> Iterator[tuple[Vertex, Vertex]]:
-    """From each vertex to the next one, the last to the first."""
+    """Return edges from each vertex to the next one, the last to the first."""
     return zip(vertices, vertices[1:] + vertices[:1], strict=True)
 
 
 def _crossing(a: Vertex, b: Vertex, axis: int, value: float) -> float:
-    """The other coordinate where the edge has `value`; the same from a to b and from b to a."""
+    """Return the other coordinate where the edge has `value`, whatever the order of a and b."""
     (start, end), other = sorted((a, b)), 1 - axis
     if value == end[axis]:
         return end[other]
@@ -129,7 +130,7 @@ def _crossing(a: Vertex, b: Vertex, axis: int, value: float) -> float:
 
 
 def _foot(a: Vertex, b: Vertex, point: Vertex) -> Vertex:
-    """The point of the edge that is closest to `point`."""
+    """Return the point of the edge that is closest to `point`."""
     ex, ey = b[0] - a[0], b[1] - a[1]
     square = ex * ex + ey * ey
     along = (point[0] - a[0]) * ex + (point[1] - a[1]) * ey
@@ -138,12 +139,12 @@ def _foot(a: Vertex, b: Vertex, point: Vertex) -> Vertex:
 
 
 def _cross(a: Vertex, b: Vertex, c: Vertex) -> float:
-    """Twice the signed area of a triangle."""
+    """Return twice the signed area of a triangle."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 def _clash(vertices: Polygon) -> tuple[tuple[Vertex, Vertex], tuple[Vertex, Vertex]] | None:
-    """Two edges that meet not just at a common end; None in a simple polygon."""
+    """Return two edges that meet not just at a common end; None in a simple polygon."""
     edges = list(_edges(vertices))
     for (i, first), (j, second) in combinations(enumerate(edges), 2):
         if j - i == 1 or (i == 0 and j == len(edges) - 1):
@@ -158,7 +159,7 @@ def _clash(vertices: Polygon) -> tuple[tuple[Vertex, Vertex], tuple[Vertex, Vert
 
 
 def _touch(first: tuple[Vertex, Vertex], second: tuple[Vertex, Vertex]) -> bool:
-    """Whether two segments have a point in common."""
+    """Return whether two segments have a point in common."""
     (a, b), (c, d) = first, second
     for axis in (0, 1):
         low, high = sorted((sorted((a[axis], b[axis])), sorted((c[axis], d[axis]))))

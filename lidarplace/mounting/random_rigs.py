@@ -1,6 +1,6 @@
-"""Rigs at random around given ones: what a detector learns from that shall judge any of their kind.
+"""Rigs at random around given ones: training rigs of a detector that shall judge any of their kind.
 
-Rigs differ in what changes a cloud: heights, tilts, and rings that coincide or lie between each
+Rigs differ in what changes a cloud: heights, tilts, and rings that coincide or are between each
 other. Four kinds take turns; of more rigs than are wanted those are kept whose rings overlap least,
 most, and at even steps between."""
 
@@ -9,24 +9,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import astuple, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.mounting.facing import least_distance
 from lidarplace.mounting.ring_overlap import spread_by_overlap
 from lidarplace.rigs.placement import Mount, Placement
 
 NEAR_M = 0.3
-"""How far a LiDAR of a drawn rig may be beyond those of the given ones, metres."""
+"""Distance of a LiDAR of a drawn rig beyond those of the given ones, at most, metres."""
 TILT = math.radians(20)
 """Roll and pitch that drawn rigs have at least, radians; more if the given ones have."""
 TURN = math.radians(10)
 """Yaw that is added to or taken from a given one's, radians."""
 CANDIDATES = 4
-"""So many rigs are drawn for each that is wanted."""
-_SLACK_M, _SLACK = 0.1, math.radians(5)
-"""Metres and radians that are nothing to warn of: rigs at random fill their space up to a rest."""
+"""Number of rigs that are drawn for each that is wanted."""
+_SLACK_M, _SLACK = 0.1, math.radians(5)  # no warning: random rigs leave a rest of their space
 _APART_M = 0.15
 """Least distance between the centres of two LiDARs."""
 Bounds = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -39,59 +38,61 @@ def _bounds_of(rigs: Sequence[Placement]) -> Bounds:
 
 
 def random_rigs(around: Sequence[Placement], number: int, seed: int) -> list[Placement]:
-    """Rigs with the LiDARs of given ones, in and somewhat around the space that these take. A rig
-    has as many LiDARs as one of the given ones, of the models of that. They are named rig_01, …, in
-    the order of the share of rings that coincide."""
+    """Draw rigs with the LiDARs of given ones, in and somewhat around the space that these take.
+
+    A rig has as many LiDARs as one of the given ones, of the models of that. Rigs are named rig_01,
+    …, in the order of the share of rings that coincide."""
     random = np.random.default_rng(seed)
     bounds = _bounds_of(around)
-    drawn = []
+    candidates = []
     for i in range(CANDIDATES * number):
-        given = around[int(random.integers(len(around)))]
-        drawn.append(_apart(given, _KINDS[i % len(_KINDS)], bounds, random))
+        template = around[int(random.integers(len(around)))]
+        candidates.append(_apart(template, _KINDS[i % len(_KINDS)], bounds, random))
     width = len(str(number))
-    kept = spread_by_overlap(drawn, drawn, number)
-    return [replace(rig, name=f"rig_{i:0{width}}") for i, rig in enumerate(kept, start=1)]
+    rigs = spread_by_overlap(candidates, candidates, number)
+    return [replace(rig, name=f"rig_{i:0{width}}") for i, rig in enumerate(rigs, start=1)]
 
 
 def _apart(
-    given: Placement,
+    template: Placement,
     kind: Callable[[Placement, Bounds, np.random.Generator], list[Mount]],
     bounds: Bounds,
     random: np.random.Generator,
 ) -> Placement:
-    """A rig of a kind; LiDARs that came to lie in each other are drawn again, up to a point."""
+    """Draw a rig of a kind, up to 100 times while its LiDARs are in each other."""
     for _ in range(100):
-        rig = replace(given, mounts=kind(given, bounds, random))
-        if least_distance(rig) >= _APART_M:
+        rig = replace(template, mounts=kind(template, bounds, random))
+        pairs = combinations(rig.mounts, 2)
+        if all(math.dist(a.position, b.position) >= _APART_M for a, b in pairs):
             break
     return rig
 
 
-def _one_height(given: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:
-    """Given tilts, all LiDARs as high as each other: rings coincide."""
+def _one_height(template: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:
+    """Draw a rig with given tilts and all LiDARs at one height: rings coincide."""
     z = _height(bounds, random)
-    return [replace(_moved(mount, random), z=z) for mount in given.mounts]
+    return [replace(_moved(mount, random), z=z) for mount in template.mounts]
 
 
-def _many_heights(given: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:
-    """Given tilts, heights anywhere: rings lie between each other."""
-    return [replace(_moved(m, random), z=_height(bounds, random)) for m in given.mounts]
+def _many_heights(template: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:
+    """Draw a rig with given tilts and heights anywhere: rings are between each other."""
+    return [replace(_moved(m, random), z=_height(bounds, random)) for m in template.mounts]
 
 
-def _jittered(given: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:
-    """A given rig whose LiDARs are off by centimetres and a few degrees."""
+def _jittered(template: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:
+    """Draw a given rig whose LiDARs are off by centimetres and a few degrees."""
     scale = [0.1, 0.1, 0.1, TURN / 2, TURN / 2, TURN / 2]
-    return [_within_a_turn(astuple(m) + random.uniform(-1, 1, 6) * scale) for m in given.mounts]
+    return [_within_a_turn(astuple(m) + random.uniform(-1, 1, 6) * scale) for m in template.mounts]
 
 
-def _anywhere(given: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:
-    """Positions and tilts anywhere; headings as given, as fields of view depend on them."""
+def _anywhere(template: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:
+    """Draw positions and tilts anywhere; headings as given, as fields of view depend on them."""
     low, high = bounds
     low = np.concatenate([low[:3] - NEAR_M / 2, np.minimum(low[3:], -TILT)])
     high = np.concatenate([high[:3] + NEAR_M / 2, np.maximum(high[3:], TILT)])
     return [
         _within_a_turn([*random.uniform(low, high), mount.yaw + random.uniform(-TURN, TURN)])
-        for mount in given.mounts
+        for mount in template.mounts
     ]
 
 
@@ -113,23 +114,26 @@ def _height(bounds: Bounds, random: np.random.Generator) -> float:
 
 
 def outside(placement: Placement, rigs: Sequence[Placement]) -> str | None:
-    """How far a rig is outside of the space of others, None if it is not, or by next to nothing.
+    """Describe how far a rig is outside of the space of others; None if not, or by next to nothing.
+
     Compared are x, y, z, roll and pitch of the mounts, the number of LiDARs and their models."""
     (least, most), (low, high) = _bounds_of([placement]), _bounds_of(rigs)
     beyond = np.maximum(low - least, most - high).tolist()
-    told = [
+    differences = [
         f"{a} by {far:.2f} m" for a, far in zip("xyz", beyond[:3], strict=True) if far > _SLACK_M
     ]
     turned = zip(("roll", "pitch"), beyond[3:], strict=True)
-    told += [f"{name} by {math.degrees(far):.1f} deg" for name, far in turned if far > _SLACK]
+    differences += [
+        f"{name} by {math.degrees(far):.1f} deg" for name, far in turned if far > _SLACK
+    ]
     numbers = [len(rig.mounts) for rig in rigs]
     if not min(numbers) <= len(placement.mounts) <= max(numbers):
-        told.append(f"{len(placement.mounts)} LiDARs, not {min(numbers)} to {max(numbers)}")
+        differences.append(f"{len(placement.mounts)} LiDARs, not {min(numbers)} to {max(numbers)}")
     if has_other_lidar(placement, rigs):
-        told.append("another LiDAR model")
-    return ", ".join(told) or None
+        differences.append("another LiDAR model")
+    return ", ".join(differences) or None
 
 
 def has_other_lidar(placement: Placement, rigs: Sequence[Placement]) -> bool:
-    """Whether a rig has a LiDAR of a model that none of the others has."""
+    """Return whether a rig has a LiDAR of a model that none of the others has."""
     return not {*placement.lidars} <= {lidar for rig in rigs for lidar in rig.lidars}

@@ -1,4 +1,4 @@
-"""Whether something of a vehicle and its rig stands in the way of a ray."""
+"""Obstacles of a vehicle and its rig in the way of a ray."""
 
 from typing import NamedTuple
 
@@ -12,8 +12,12 @@ from lidarplace.mounting.vehicle import Vehicle
 
 
 class Obstacles(NamedTuple):
-    """What stops rays, as compiled code takes it: lower and upper corners of boxes, metres, shape
-    (n, 2, 3), rows of `lidarplace.mounting.housing`, and the tree over a mesh."""
+    """Obstacles that stop rays, as compiled code takes them.
+
+    Attributes:
+        boxes: lower and upper corners, metres, shape (n, 2, 3).
+        housings: rows of `lidarplace.mounting.housing`.
+        mesh: the tree over a mesh."""
 
     boxes: NDArray[np.float64]
     housings: NDArray[np.float64]
@@ -23,8 +27,10 @@ class Obstacles(NamedTuple):
 def obstacles_of(
     vehicle: Vehicle, housings: NDArray[np.float64], place: NDArray[np.float64] | None = None
 ) -> Obstacles:
-    """The body of a vehicle, and LiDARs on it. Parts of the body that `place` (3,) is inside of
-    hide nothing: a sensor is there, behind a window or a bumper."""
+    """Return the body of a vehicle, and LiDARs on it, as obstacles.
+
+    Parts of the body that `place` (3,) is inside of hide nothing: a sensor is there, behind a
+    window or a bumper."""
     boxes, mesh = vehicle.interior, NO_TREE if vehicle.mesh is None else vehicle.mesh.tree
     if place is not None:
         boxes = boxes[~((boxes[:, 0] < place) & (place < boxes[:, 1])).all(axis=1)]
@@ -34,10 +40,11 @@ def obstacles_of(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def stopped(origin, dx, dy, dz, reach, obstacles: Obstacles, own):
-    """Whether the ray origin + t (dx, dy, dz) is inside an obstacle for some t in (0, reach). A
-    touch of a box's face does not count; a surface of triangles is met. `own`: number of the LiDAR
-    whose housing does not count."""
+def stopped(origin, dx, dy, dz, reach, obstacles: Obstacles, lidar):
+    """Return whether a ray origin + t (dx, dy, dz) is inside an obstacle for some t in (0, reach).
+
+    A touch of a box's face does not count; a surface of triangles is met. `lidar`: number of the
+    LiDAR whose housing does not count."""
     for box in obstacles.boxes:
         near, far = 0.0, reach
         for axis, d in enumerate((dx, dy, dz)):
@@ -50,6 +57,6 @@ def stopped(origin, dx, dy, dz, reach, obstacles: Obstacles, own):
                 near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
         if near < far:
             return True
-    if behind_housing(origin, dx, dy, dz, reach, obstacles.housings, own):
+    if behind_housing(origin, dx, dy, dz, reach, obstacles.housings, lidar):
         return True
     return first_hit(origin, dx, dy, dz, reach, obstacles.mesh) < reach

@@ -1,4 +1,4 @@
-"""What triangles have between two heights, as seen from above, and which rectangles meet it."""
+"""Slices of triangles between two heights, from above, and the rectangles that meet them."""
 
 import math
 
@@ -14,33 +14,37 @@ _MOST = 5  # corners of a triangle that two planes cut
 def slices_of(
     triangles: NDArray[np.float64], low: float, high: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The part of each triangle (T, 3, 3) between two heights, metres, without those that have
-    none. A box that stands upright between the heights meets a triangle if its rectangle meets that
-    part from above. Corners x and y of convex polygons, shape (n, 5, 2), and how many each has,
-    (n,)."""
+    """Return the part of each triangle (T, 3, 3) between two heights, metres, seen from above.
+
+    Corners x and y of convex polygons, shape (n, 5, 2), and how many each has, (n,), without
+    triangles that have no such part. A box that stands upright between the heights meets a triangle
+    if its rectangle meets that part."""
     heights = triangles[:, :, 2]
     some = (heights.min(axis=1) < high - _HAIR) & (heights.max(axis=1) > low + _HAIR)
     return _cut(np.ascontiguousarray(triangles[some]), low, high)
 
 
 @inner
-def clip(polygon, number, axis, sign, limit, kept):
-    """Write to `kept` the corners that are left of `number` corners of a polygon where `sign` times
-    their coordinate on an axis is at least that of `limit`; return their number (Sutherland and
-    Hodgman 1974)."""
-    left = 0
+def clip(polygon, number, axis, sign, limit, clipped):
+    """Write to `clipped` the corners of a polygon beyond a limit; return how many there are.
+
+    Beyond is where `sign` times the coordinate on an axis is at least that of `limit`; `number` is
+    that of the polygon's corners (Sutherland and Hodgman 1974)."""
+    count = 0
     for n in range(number):
-        here, there = polygon[n], polygon[(n + 1) % number]
-        above, next_above = sign * (here[axis] - limit), sign * (there[axis] - limit)
-        if above >= 0.0:
-            for c in range(kept.shape[1]):
-                kept[left, c] = here[c]
-            left += 1
-        if (above > 0.0 and next_above < 0.0) or (above < 0.0 and next_above > 0.0):
-            for c in range(kept.shape[1]):
-                kept[left, c] = here[c] + above / (above - next_above) * (there[c] - here[c])
-            left += 1
-    return left
+        corner, following = polygon[n], polygon[(n + 1) % number]
+        margin, next_margin = sign * (corner[axis] - limit), sign * (following[axis] - limit)
+        if margin >= 0.0:
+            for c in range(clipped.shape[1]):
+                clipped[count, c] = corner[c]
+            count += 1
+        if (margin > 0.0 and next_margin < 0.0) or (margin < 0.0 and next_margin > 0.0):
+            for c in range(clipped.shape[1]):
+                clipped[count, c] = corner[c] + margin / (margin - next_margin) * (
+                    following[c] - corner[c]
+                )
+            count += 1
+    return count
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -64,8 +68,9 @@ def _cut(triangles, low, high) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def meets_slices(points, half_length, half_width, heading, polygons, corners):
-    """Whether the rectangle around each of points (P, 2), its length along `heading`, meets one of
-    the polygons of `slices_of`; a touch is not."""
+    """Return whether the rectangle around each of points (P, 2) meets one of `slices_of`.
+
+    Its length is along `heading`; a touch does not count."""
     c, s = math.cos(heading), math.sin(heading)
     # In the frame of the rectangles, where these are upright.
     turned = np.empty_like(polygons)
@@ -96,7 +101,7 @@ def meets_slices(points, half_length, half_width, heading, polygons, corners):
 
 @inner
 def _apart(polygon, number, x, y, half_length, half_width):
-    """Whether a side of a convex polygon parts it from an upright rectangle."""
+    """Return whether a side of a convex polygon parts it from an upright rectangle."""
     for k in range(number):
         px, py = polygon[k]
         nx, ny = polygon[(k + 1) % number, 1] - py, px - polygon[(k + 1) % number, 0]
@@ -107,8 +112,8 @@ def _apart(polygon, number, x, y, half_length, half_width):
         for j in range(number):
             along = ((polygon[j, 0] - px) * nx + (polygon[j, 1] - py) * ny) / length
             low, high = min(low, along), max(high, along)
-        middle = ((x - px) * nx + (y - py) * ny) / length
+        centre = ((x - px) * nx + (y - py) * ny) / length
         reach = (abs(nx) * half_length + abs(ny) * half_width) / length
-        if middle - reach >= high - _HAIR or middle + reach <= low + _HAIR:
+        if centre - reach >= high - _HAIR or centre + reach <= low + _HAIR:
             return True
     return False

@@ -12,27 +12,25 @@ from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.vehicle import Vehicle
 
 _SKY = 1e3
-"""Metres: a LiDAR above the trailer would turn with it."""
+"""Height of the air above a trailer, metres: a LiDAR there would turn with it."""
 FACES = np.array(
     [
         [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5], [0, 1, 5], [0, 5, 4],
         [2, 6, 7], [2, 7, 3], [0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6],
     ]
 )  # fmt: skip
-"""Triangles of a box, counterclockwise from outside; corners are numbered i + 2 j + 4 k along x, y
-and z."""
+"""Triangles of a box, counterclockwise from outside; corner i + 2 j + 4 k is along x, y and z."""
 
 
 @dataclass(frozen=True, eq=False)
 class BendingVehicle(Vehicle):
-    """As a `Vehicle` it is straight. `poses` has it at each angle, too.
+    """A vehicle that bends; as a `Vehicle` it is straight, and `poses` has it at each angle.
 
     Attributes:
-        trailer: so many of the boxes, the first ones, turn.
+        trailer: number of boxes that turn, the first ones.
         hitch: x and y of the axis about which they do, metres.
         angles: how far, degrees counter-clockwise as seen from above: at 60 the end is on the
-            right.
-    """
+            right."""
 
     trailer: int = 0
     hitch: tuple[float, float] = (0.0, 0.0)
@@ -41,19 +39,19 @@ class BendingVehicle(Vehicle):
     @cached_property
     def poses(self) -> Mapping[str, Vehicle]:
         """The vehicle by name of the case: straight, "", and at each angle of the trailer."""
-        found: dict[str, Vehicle] = {"": Vehicle(self.name, self.boxes, self.mesh)}
+        poses: dict[str, Vehicle] = {"": Vehicle(self.name, self.boxes, self.mesh)}
         for angle in self.angles:
             if angle:
                 label = f"trailer at {angle:g}°".replace("-", "−")
-                found[label] = Vehicle(self.name, self.boxes[self.trailer :], self._bent(angle))
-        return found
+                poses[label] = Vehicle(self.name, self.boxes[self.trailer :], self._bent(angle))
+        return poses
 
     @property
     def no_mounts(self) -> NDArray[np.float64]:
-        """The boxes in which no LiDAR may sit: those with volume, and all above the trailer."""
-        above = self.boxes[: self.trailer].copy()
-        above[:, 1, 2] = _SKY
-        return np.concatenate([self.interior, above])
+        """The boxes in which no LiDAR may sit: those with volume, and all swept the trailer."""
+        swept = self.boxes[: self.trailer].copy()
+        swept[:, 1, 2] = _SKY
+        return np.concatenate([self.interior, swept])
 
     def _bent(self, degrees: float) -> Mesh:
         """The turned boxes of the trailer as a surface, with the mesh of the vehicle."""

@@ -1,10 +1,10 @@
-"""The body of the vehicle that carries the LiDARs, made of boxes, of a mesh, or of both."""
+"""Bodies of vehicles that carry LiDARs: boxes, a mesh, or both."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from itertools import product
 
 import numpy as np
@@ -60,8 +60,23 @@ class Vehicle:
         return cls("car", np.array([hull, cabin]))
 
     def with_boxes(self, boxes: NDArray[np.float64]) -> Vehicle:
-        """The same with further boxes, shape (n, 2, 3)."""
+        """Return the vehicle with further boxes, shape (n, 2, 3)."""
         return replace(self, boxes=np.concatenate([self.boxes, boxes]))
+
+    @property
+    def body(self) -> Vehicle:
+        """The vehicle without keep-outs."""
+        return self
+
+    @property
+    def poses(self) -> Mapping[str, Vehicle]:
+        """The vehicle in all of its shapes, by the name of the case; "": as it is, as in clouds."""
+        return {"": self}
+
+    @property
+    def no_mounts(self) -> NDArray[np.float64]:
+        """The boxes in which no LiDAR may sit, shape (m, 2, 3)."""
+        return self.interior
 
     @property
     def extents(self) -> NDArray[np.float64]:
@@ -73,7 +88,7 @@ class Vehicle:
 
     @property
     def height(self) -> float:
-        """Of the highest top above the ground, metres; 0 without a body."""
+        """Height of the highest top above the ground, metres; 0 without a body."""
         return float(self.extents[:, 1, 2].max(initial=0.0))
 
     @property
@@ -83,38 +98,53 @@ class Vehicle:
         return np.asarray(shrunk[(shrunk[:, 0] < shrunk[:, 1]).all(axis=1)])
 
 
-def poses_of(vehicle: Vehicle) -> Mapping[str, Vehicle]:
-    """The vehicle in all of its shapes, by the name of the case; "": as it is. Clouds have the
-    vehicle as it is: were this of the class, their keys would depend on it."""
-    found: Mapping[str, Vehicle] = getattr(vehicle, "poses", {"": vehicle})
-    return found
+@dataclass(frozen=True, eq=False)
+class EquippedVehicle(Vehicle):
+    """A vehicle with keep-outs, the last of its boxes: they hide objects and contain no LiDAR.
+
+    Areas are measured from its `body`, which is `bare` of them, so that keep-outs move no area."""
+
+    bare: Vehicle = field(kw_only=True)
+
+    @property
+    def body(self) -> Vehicle:
+        """The vehicle without keep-outs."""
+        return self.bare
+
+    @cached_property
+    def poses(self) -> Mapping[str, Vehicle]:
+        """Shapes of the body, each with the keep-outs, by the name of the case."""
+        keep_outs = self.boxes[len(self.bare.boxes) :]
+        return {label: pose.with_boxes(keep_outs) for label, pose in self.bare.poses.items()}
+
+    @property
+    def no_mounts(self) -> NDArray[np.float64]:
+        """The boxes in which no LiDAR may sit."""
+        return np.concatenate([self.bare.no_mounts, self.interior])
 
 
-def body_of(vehicle: Vehicle) -> Vehicle:
-    """The body alone, without keep-outs."""
-    body: Vehicle = getattr(vehicle, "body", vehicle)
-    return body
-
-
-def no_mounts_of(vehicle: Vehicle) -> NDArray[np.float64]:
-    """The boxes in which no LiDAR may sit, shape (m, 2, 3)."""
-    found: NDArray[np.float64] = getattr(vehicle, "no_mounts", vehicle.interior)
-    return found
+def with_keep_outs(vehicle: Vehicle, boxes: NDArray[np.float64]) -> Vehicle:
+    """Return the vehicle with keep-outs, shape (n, 2, 3), metres."""
+    if not len(boxes):
+        return vehicle
+    every = np.concatenate([vehicle.boxes, boxes])
+    return EquippedVehicle(vehicle.name, every, vehicle.mesh, bare=vehicle)
 
 
 def depth_in_body(vehicle: Vehicle, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far each of places (P, 3) is inside of the body in any of its poses, metres, shape (P,);
-    0 outside and on its surface. Inside of a mesh is what its surface goes around."""
-    found = depth_in(no_mounts_of(vehicle), places)
-    for pose in poses_of(vehicle).values():
+    """Return how far each of places (P, 3) is inside of the body in any of its poses, metres.
+
+    Shape (P,); 0 outside and on its surface. Inside of a mesh is what its surface goes around."""
+    deepest = depth_in(vehicle.no_mounts, places)
+    for pose in vehicle.poses.values():
         if pose.mesh is not None:
-            found = np.maximum(found, depths(pose.mesh, places))
-    return found
+            deepest = np.maximum(deepest, depths(pose.mesh, places))
+    return deepest
 
 
 @lru_cache(maxsize=16)
 def voxels_in_body(vehicle: Vehicle, roi: Roi) -> NDArray[np.bool_]:
-    """Whether the centre of each voxel is inside of the body, shape of the ROI; read-only."""
+    """Return whether the centre of each voxel is inside the body, shape of the ROI; read-only."""
     centres = [roi.centres(axis) for axis in range(3)]
     inside = np.zeros(roi.shape, np.bool_)
 
@@ -125,23 +155,22 @@ def voxels_in_body(vehicle: Vehicle, roi: Roi) -> NDArray[np.bool_]:
         inside[np.ix_(*near(low, high))] = True
     if vehicle.mesh is not None:
         within = near(*vehicle.extents[-1])
-        held = [c[own] for c, own in zip(centres, within, strict=True)]
-        places = np.stack(np.meshgrid(*held, indexing="ij"), axis=-1)
-        found = depths(vehicle.mesh, places.reshape(-1, 3)) > 0
-        inside[np.ix_(*within)] |= found.reshape(places.shape[:3])
+        centres_within = [c[along] for c, along in zip(centres, within, strict=True)]
+        places = np.stack(np.meshgrid(*centres_within, indexing="ij"), axis=-1)
+        solid = depths(vehicle.mesh, places.reshape(-1, 3)) > 0
+        inside[np.ix_(*within)] |= solid.reshape(places.shape[:3])
     inside.flags.writeable = False  # shared by all callers
     return inside
 
 
 def zone_in_body(zone: Zone, vehicle: Vehicle) -> tuple[bool, bool]:
-    """Whether some of a zone may be inside of the body, by the boxes around both, and whether all
-    of it seems to be, by some points of the zone."""
+    """Return whether some of a zone, and whether all of it, may be inside of the body.
+
+    Some by the boxes around both, all by some points of the zone."""
     (x0, x1), (z0, z1) = zone.x, zone.z
     ys = [y for _, y in zone.polygon]
     low, high = np.array([x0, min(ys), z0]), np.array([x1, max(ys), z1])
-    boxes = np.concatenate(
-        [no_mounts_of(vehicle), *(own.extents for own in poses_of(vehicle).values())]
-    )
+    boxes = np.concatenate([vehicle.no_mounts, *(pose.extents for pose in vehicle.poses.values())])
     some = bool(((boxes[:, 0] < high) & (low < boxes[:, 1])).all(axis=1).any())
     shares = np.linspace(0.0, 1.0, 5).tolist()
     points = np.array([position(zone, *at) for at in product(shares, repeat=3)]) if some else low
@@ -149,9 +178,10 @@ def zone_in_body(zone: Zone, vehicle: Vehicle) -> tuple[bool, bool]:
 
 
 def top_near(vehicle: Vehicle, x: Interval, y: Interval) -> float | None:
-    """How high the body is beneath this rectangle, metres; where it is not, what is nearest of it.
-    Of a mesh by the boxes around its triangles. None without a body."""
-    parts = body_of(vehicle).boxes
+    """Return how high the body is beneath this rectangle, metres; None without a body.
+
+    Where nothing is beneath, its nearest part counts; of a mesh the boxes around its triangles."""
+    parts = vehicle.body.boxes
     if vehicle.mesh is not None:
         corners = vehicle.mesh.triangles
         around = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
@@ -165,8 +195,7 @@ def top_near(vehicle: Vehicle, x: Interval, y: Interval) -> float | None:
 
 
 def depth_in(boxes: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far each of places (P, 3) is inside of one of boxes (n, 2, 3), metres, shape (P,); 0
-    outside."""
+    """Return how far places (P, 3) are inside one of boxes (n, 2, 3), metres, (P,); 0 outside."""
     at = places[:, None]
     inside = np.minimum(at - boxes[:, 0], boxes[:, 1] - at).min(axis=2)
     return np.asarray(inside.max(axis=1, initial=0.0))

@@ -30,16 +30,17 @@ class Edges(NamedTuple):
         field: of the field of view. A row (n, k, s) is the surface n p + k = s |p - origin|: a
             plane, a cone or a sphere; shape (F, 5).
         shadows: of each convex obstacle the planes around what it hides, n p + k >= 0 inside;
-            shape (K, 9, 4).
-    """
+            shape (K, 9, 4)."""
 
     field: NDArray[np.float64]
     shadows: NDArray[np.float64]
 
 
 def edges_of(view: View, obstacles: Obstacles, number: int) -> Edges:
-    """The edges of a view without those of meshes. The housing of LiDAR `number` hides nothing; a
-    round one is taken for the two boxes around it, one of them turned by 45 degrees."""
+    """Return the edges of a view without those of meshes.
+
+    The housing of LiDAR `number` hides nothing; a round one is taken for the two boxes around it,
+    one of them turned by 45 degrees."""
     return Edges(_field(view), _shadows(view.origin, obstacles, number))
 
 
@@ -84,17 +85,17 @@ def _shadows(origin: NDArray[np.float64], obstacles: Obstacles, number: int) -> 
 
 
 @inner
-def room(edges):
-    """The largest number of crossings of a circle with the edges of a view."""
+def most_crossings(edges):
+    """Return the largest number of crossings of a circle with the edges of a view."""
     return _MOST_OF_CONE * len(edges.field) + 2 * _MOST * len(edges.shadows)
 
 
 @inner
 def add_crossings(edges, apex, circle, cuts, count):
-    """Add to `cuts`, which has `count`, the angles at which a circle crosses the edges of the view
-    from `apex`. Returns the new count.
+    """Add to `cuts` the angles at which a circle crosses the edges of the view from `apex`.
 
-    `circle`: the points m + u cos(angle) + v sin(angle), and the first and the last angle."""
+    Returns the new count of cuts. `circle`: the points m + u cos(angle) + v sin(angle), and the
+    first and the last angle."""
     centre, u, v, first, last = circle
     mx, my, mz = centre[0] - apex[0], centre[1] - apex[1], centre[2] - apex[2]
     radius = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
@@ -147,7 +148,7 @@ def add_crossings(edges, apex, circle, cuts, count):
 
 @inner
 def _on_circle(plane, circle):
-    """The plane's n p + k at the points of a circle: a + b cos(angle) + c sin(angle)."""
+    """Return a, b, c of the plane's n p + k on a circle: a + b cos(angle) + c sin(angle)."""
     m, u, v = circle[:3]
     x, y, z = plane[0], plane[1], plane[2]
     a = x * m[0] + y * m[1] + z * m[2] + plane[3]
@@ -156,7 +157,7 @@ def _on_circle(plane, circle):
 
 @inner
 def _add_roots(a, b, c, first, last, cuts, count):
-    """Add the angles in (first, last) where a + b cos + c sin is 0; returns the new count."""
+    """Add the angles in (first, last) where a + b cos + c sin is 0; return the new count."""
     size = math.hypot(b, c)
     if abs(a) < size:
         azimuth, half = math.atan2(c, b), math.acos(-a / size)
@@ -171,7 +172,7 @@ def _add_roots(a, b, c, first, last, cuts, count):
 
 @inner
 def _inside(planes, circle, angle):
-    """Whether a point of a circle is within a shadow or at its edge."""
+    """Return whether a point of a circle is within a shadow or at its edge."""
     cos, sin = math.cos(angle), math.sin(angle)
     for n in range(_MOST):
         a, b, c = _on_circle(planes[n], circle)

@@ -1,4 +1,4 @@
-"""The share of a field of view that is seen, by one sensor and by another one, too."""
+"""Shares of a field of view that one sensor sees, and that another one sees, too."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.mounting.field_of_view import has_direction, in_view
 from lidarplace.mounting.housing import turned
 from lidarplace.mounting.sight import Obstacles, stopped
-from lidarplace.mounting.view_edges import add_crossings, room, sort_first
+from lidarplace.mounting.view_edges import add_crossings, most_crossings, sort_first
 
 ROWS, COLUMNS = 33, 64
 """Elevations and azimuths at which a field of view is examined first; what is thin is met by some
@@ -23,8 +23,9 @@ _NO_ANGLE, _NEAR = 1e-12, 1e-7  # radians
 
 
 def steps_between_edges(obstacles: Sequence[Obstacles]) -> int:
-    """Parts of a circle in which further edges are searched by bisection: `STEPS` for a mesh, 1 for
-    round housings, 0 if all edges are planes."""
+    """Return the parts of a circle in which further edges are searched by bisection.
+
+    `STEPS` for a mesh, 1 for round housings, 0 if all edges are planes."""
     if any(len(each.mesh.triangles) for each in obstacles):
         return STEPS
     return int(any(each.housings[:, 16].any() for each in obstacles))
@@ -32,13 +33,13 @@ def steps_between_edges(obstacles: Sequence[Obstacles]) -> int:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def seen_parts(pair):
-    """Parts of the box of angles of a sensor: what it sees, and what both of a pair see.
+    """Return parts of the box of angles of a sensor: what it sees, and what both of a pair see.
 
     `pair`: view of the sensor and of the other one, the distance, obstacles, number and edges of
     each, and `steps_between_edges`. The integral over elevations is exact between edges, that over
     azimuths is Simpson's."""
     (lowest, highest), (start, width) = pair[0].field.sines, pair[0].field.azimuth
-    cuts = np.empty(room(pair[7]) + room(pair[8]) + STEPS + 1)
+    cuts = np.empty(most_crossings(pair[7]) + most_crossings(pair[8]) + STEPS + 1)
     turns = np.empty(2 * len(cuts))
     if highest <= lowest:
         return _of_circle(pair, True, lowest, cuts, turns)[:2]
@@ -84,8 +85,9 @@ def seen_parts(pair):
 
 @inner
 def _of_circle(pair, level, at, cuts, turns):
-    """Return `seen_parts` of one circle, and the number of `turns`: the angles where either ends or
-    begins. The circle has the elevation whose sine is `at` (`level`), or the azimuth `at`."""
+    """Return `seen_parts` of one circle, and the number of `turns`: the angles where one changes.
+
+    The circle has the elevation whose sine is `at` (`level`), or the azimuth `at`."""
     view, (lowest, highest), (start, width) = pair[0], pair[0].field.sines, pair[0].field.azimuth
     (ox, oy, oz), far = view.origin, pair[2]
     if level:
@@ -130,7 +132,7 @@ def _of_circle(pair, level, at, cuts, turns):
 
 @inner
 def _bisected(pair, level, at, sensor, low, cut, high):
-    """The angle between two of a circle at which a status changes, probably at `cut`."""
+    """Return the angle between two of a circle at which a status changes, probably `cut`."""
     before = _at_angle(pair, level, at, low)[sensor]
     if _at_angle(pair, level, at, cut - _NEAR)[sensor] == before:
         low = cut - _NEAR
@@ -152,8 +154,7 @@ def _at_angle(pair, level, at, angle):
 
 @inner
 def _status(pair, up, azimuth):
-    """Whether a sensor sees in a direction of its own frame, and whether the other one sees the
-    point there, too."""
+    """Return whether a sensor sees in a direction of its frame, and the other one that point."""
     view, other, at, hides, hides_other, number, another = pair[:7]
     level = math.sqrt(max(1.0 - up * up, 0.0))
     ahead, left = level * math.cos(azimuth), level * math.sin(azimuth)

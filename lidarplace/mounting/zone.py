@@ -1,4 +1,4 @@
-"""Where a mount may sit: a polygon seen from above, times an interval of heights."""
+"""Zones in which a mount may sit: a polygon seen from above, times an interval of heights."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lidarplace.base.roi import Interval
 from lidarplace.mounting.polygon import NANOMETRE, Polygon, above_x_axis, nearest, polygon, sections
 
 TOLERANCE = 1e-3
-"""How far outside of a zone `shares` accepts a point, metres."""
+"""Distance outside of a zone up to which `shares` accepts a point, metres."""
 _PICOMETRE = 1e-12  # gives a tip, an interval of zero width, a share of its own
 
 
@@ -62,7 +62,7 @@ class Zone:
 
 
 def position(zone: Zone, u: float, v: float, w: float) -> tuple[float, float, float]:
-    """The point of the zone with these shares, each in [0, 1], (x, y, z) in metres.
+    """Return the point of the zone with these shares, each in [0, 1], (x, y, z) in metres.
 
     Onto the zone. x grows with u over the zone's length; y grows with v over its width at that x,
     without the gaps where the polygon is not convex; z grows with w."""
@@ -76,14 +76,14 @@ def position(zone: Zone, u: float, v: float, w: float) -> tuple[float, float, fl
 
 
 def shares(zone: Zone, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """The shares (u, v, w) with which `position` gives this point, up to rounding.
+    """Return the shares (u, v, w) with which `position` gives this point, up to rounding.
 
     0.5 where the zone has no extent. For a point outside, those of the nearest point of the zone;
     ValueError if it is more than TOLERANCE away."""
     outside = distance(zone, x, y, z)
     if not outside <= TOLERANCE:
-        found = f"{point(x, y, z)}, {outside:.4g} m outside"
-        raise InputError(place=f"zone {zone.name!r}", expected="a point of the zone", found=found)
+        beyond = f"{point(x, y, z)}, {outside:.4g} m outside"
+        raise InputError(place=f"zone {zone.name!r}", expected="a point of the zone", found=beyond)
     x, y = nearest(zone.polygon, _snapped(zone, x), y)
     x, widths = _section(zone, min(max(x, zone.x[0]), zone.x[1]))
     i = min(range(len(widths)), key=lambda i: max(widths[i][0] - y, y - widths[i][1]))
@@ -95,18 +95,13 @@ def shares(zone: Zone, x: float, y: float, z: float) -> tuple[float, float, floa
 
 
 def distance(zone: Zone, x: float, y: float, z: float) -> float:
-    """From the point to the zone, metres; 0 for a point of it."""
-    below, above = zone.z[0] - z, z - zone.z[1]
-    return math.hypot(math.dist(nearest(zone.polygon, x, y), (x, y)), max(below, above, 0.0))
-
-
-def contains(zone: Zone, x: float, y: float, z: float) -> bool:
-    """Whether the point lies in the zone, its boundary included, up to a nanometre."""
-    return distance(zone, x, y, z) <= NANOMETRE
+    """Return the distance from the point to the zone, metres; 0 for a point of it."""
+    away = max(zone.z[0] - z, z - zone.z[1], 0.0)
+    return math.hypot(math.dist(nearest(zone.polygon, x, y), (x, y)), away)
 
 
 def grid(zone: Zone, step: float) -> NDArray[np.float64]:
-    """Candidate positions, shape (N, 3), metres, N > 0.
+    """Return candidate positions, shape (N, 3), metres, N > 0.
 
     Multiples of `step`, metres, from the middle: of the zone for x and z, for y of each interval
     across it at that x. So no part is too narrow for a candidate, and a zone that is symmetric to
@@ -123,17 +118,18 @@ def grid(zone: Zone, step: float) -> NDArray[np.float64]:
 
 
 def left_half(zone: Zone) -> Zone | None:
-    """The part with y > 0 and its boundary, or else that with y = 0; None if there is neither.
-    Raises ValueError if it is in several pieces, as never in a zone symmetric to the plane y =
-    0."""
+    """Return the part with y > 0 and its boundary, or else that with y = 0; None without either.
+
+    Raises ValueError if it is in several pieces, as no zone is that is symmetric to y = 0."""
     with at(f"zone {zone.name!r}"):
         part = above_x_axis(zone.polygon)
     return replace(zone, polygon=part) if part else on_centre_line(zone)
 
 
 def on_centre_line(zone: Zone) -> Zone | None:
-    """The part with y = 0, a zone without width; None if there is none. ValueError as
-    `left_half`."""
+    """Return the part with y = 0, a zone without width; None if there is none.
+
+    Raises ValueError as `left_half`."""
     intervals = sections(zone.polygon, 1, 0.0)
     if len(intervals) > 1:
         place, one, fix = f"zone {zone.name!r}", "one piece with y = 0", "split the zone"
@@ -142,19 +138,19 @@ def on_centre_line(zone: Zone) -> Zone | None:
 
 
 def _snapped(zone: Zone, x: float) -> float:
-    """x, or that of a vertex where they differ by rounding: there the width may jump."""
+    """Return x, or that of a vertex where they differ by rounding: there the width may jump."""
     vertex = min((vertex for vertex, _ in zone.polygon), key=lambda vertex: abs(vertex - x))
     return vertex if abs(vertex - x) < 0.5 * NANOMETRE else x
 
 
 def _section(zone: Zone, x: float) -> tuple[float, list[Interval]]:
-    """The snapped x, and the intervals of y there."""
+    """Return the snapped x, and the intervals of y there."""
     x = _snapped(zone, x)
     return x, sections(zone.polygon, 0, x)
 
 
 def _ends(widths: Sequence[Interval]) -> list[float]:
-    """Shares at which the intervals begin and end, one after the other, from 0 to 1."""
+    """Return shares at which the intervals begin and end, one after the other, from 0 to 1."""
     sums = list(accumulate((high - low + _PICOMETRE for low, high in widths), initial=0.0))
     return [total / sums[-1] for total in sums]
 
@@ -171,5 +167,5 @@ def _share(interval: Interval, value: float) -> float:
 def _levels(interval: Interval, step: float) -> list[float]:
     low, high = interval
     number = math.floor(0.5 * (high - low) / step + NANOMETRE)
-    middle = 0.5 * (low + high)
-    return [min(max(middle + i * step, low), high) for i in range(-number, number + 1)]
+    centre = 0.5 * (low + high)
+    return [min(max(centre + i * step, low), high) for i in range(-number, number + 1)]

@@ -1,1 +1,1 @@
-"""Where box logs come from: kinds of scenes, simulators and data sets."""
+"""Sources of box logs: kinds of scenes, simulators and data sets."""

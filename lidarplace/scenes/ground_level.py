@@ -1,4 +1,4 @@
-"""Boxes under our ground, or above it: how many there are, and setting them on it.
+"""Boxes above or below the ground z = 0: their number, and setting them on it.
 
 Rays end on the ground z = 0. Real roads are uneven, so at a distance boxes are below or above."""
 
@@ -19,13 +19,15 @@ NEIGHBOURS = 5
 
 
 def undersides(boxes: pd.DataFrame) -> NDArray[np.float64]:
-    """Height of the underside of each box above z = 0, metres, shape (boxes,)."""
+    """Return the height of the underside of each box above z = 0, metres, shape (boxes,)."""
     return np.asarray(boxes["z"] - boxes["height"] / 2, np.float64)
 
 
 def off_ground(log: BoxLog) -> pd.DataFrame:
-    """By split the number of boxes with the centre under the ground, and with the underside more
-    than `OFF_M` below or above it: columns split, boxes, and those of `OFF`."""
+    """Count the boxes off the ground by split.
+
+    These are boxes with the centre under the ground, and with the underside more than `OFF_M` below
+    or above it. Returns columns split, boxes, and those of `OFF`."""
     under = undersides(log.boxes)
     off = dict(zip(OFF, (log.boxes["z"] < 0, under < -OFF_M, under > OFF_M), strict=True))
     split = log.boxes["frame"].map(log.frames.set_index("frame")["split"])
@@ -34,10 +36,11 @@ def off_ground(log: BoxLog) -> pd.DataFrame:
 
 
 def levelled(log: BoxLog) -> tuple[BoxLog, NDArray[np.float64]]:
-    """Set boxes on the ground by the log's own undersides, frame by frame. Returns the log, and how
-    far each box was moved upwards, metres, shape (boxes,). The height of the road at a box is the
-    median underside of its neighbours, see `NEIGHBOURS`, so a box that is higher or lower than
-    those around it stays so; a box alone is set on the ground."""
+    """Set boxes on the ground by the log's own undersides, frame by frame.
+
+    Returns the log, and how far each box was moved upwards, metres, shape (boxes,). The height of
+    the road at a box is the median underside of its neighbours, see `NEIGHBOURS`, so a box that is
+    higher or lower than those around it stays so; a box alone is set on the ground."""
     boxes = log.boxes.reset_index(drop=True)
     under = undersides(boxes)
     place = boxes[["x", "y"]].to_numpy(np.float64)

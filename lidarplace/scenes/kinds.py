@@ -16,7 +16,8 @@ from lidarplace.scenes.sumo.settings import SumoScene
 
 
 class SceneKind(NamedTuple):
-    """A kind of scenes: its settings, and what gives its parts, those with training frames first.
+    """Kind of scenes: its settings, and the function that lists its parts, training frames first.
+
     Settings have `source`, `seed`, `name`, `frame_counts` and `remedy`, as `SumoScene` has them."""
 
     settings: type[BaseModel]
@@ -26,15 +27,19 @@ class SceneKind(NamedTuple):
 KINDS = Registry(
     "lidarplace.scenes",
     {"sumo": SceneKind(SumoScene, town_parts), "log": SceneKind(LogScene, log_parts)},
-    fits=lambda found: isinstance(found, SceneKind) and issubclass(found.settings, BaseModel),
+    fits=lambda kind: (
+        isinstance(kind, SceneKind)
+        and isinstance(kind.settings, type)
+        and issubclass(kind.settings, BaseModel)
+    ),
 )
-"""By `source`."""
+"""Kinds of scenes by `source`."""
 
 
 def source_of(scene: Any) -> str:
-    """Which kind a configuration means; traffic is simulated unless it says else."""
-    told = scene.get("source", "sumo") if isinstance(scene, Mapping) else None
-    return str(told or getattr(scene, "source", "sumo"))
+    """Return the kind of a scene; traffic is simulated unless the configuration names another."""
+    source = scene.get("source", "sumo") if isinstance(scene, Mapping) else None
+    return str(source or getattr(scene, "source", "sumo"))
 
 
 def _checked(scene: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo) -> Any:
@@ -51,14 +56,14 @@ def _checked(scene: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo
 
 
 class _Schema:
-    """In the schema a scene is one of those that are installed."""
+    """JSON schema of a scene: one of those that are installed."""
 
     def __get_pydantic_json_schema__(
         self, core: CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
         schema = handler(core)
         added = (kind.settings for name, kind in KINDS.installed().items() if name not in KINDS.own)
-        return {"anyOf": [*schema["anyOf"], *(own.model_json_schema() for own in added)]}
+        return {"anyOf": [*schema["anyOf"], *(settings.model_json_schema() for settings in added)]}
 
 
 Scene = Annotated[SerializeAsAny[SumoScene | LogScene], WrapValidator(_checked), _Schema()]
@@ -66,7 +71,7 @@ Scene = Annotated[SerializeAsAny[SumoScene | LogScene], WrapValidator(_checked),
 
 
 def scene_parts(scene: Scene) -> list[ScenePart]:
-    """The parts of a scene. Raises ValueError if something that it names is not there."""
+    """List the parts of a scene; raise ValueError if something that it names is missing."""
     kind = KINDS[scene.source]
     with KINDS.calls(scene.source, ValueError, OSError):
         return kind.parts(scene)

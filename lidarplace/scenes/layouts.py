@@ -1,4 +1,4 @@
-"""Frames to train, and to test without labels, for others: in KITTI's layout or as plain files."""
+"""Frames for other tools, test ones without labels: in KITTI's layout or as plain files."""
 
 from pathlib import Path
 from typing import Literal
@@ -23,13 +23,13 @@ def write_layout(
     intensity; float32), `boxes.parquet` and `frames.parquet`, ego frame. Labels have the columns of
     `lidarplace.clouds.visibility.ground_truth`. Returns the frames with `SOURCE`, what the layout
     calls each. Raises OSError, and ValueError for a negative frame."""
-    told = frames.assign(**{SOURCE: frames["frame"].map(frame_name)})
+    named_frames = frames.assign(**{SOURCE: frames["frame"].map(frame_name)})
     if layout == "kitti":
         write_kitti(folder, frames, [(to_labels(labels), clouds)], secret=True)
-        return told
+        return named_frames
     (folder / "clouds").mkdir(parents=True)
     for frame, points in zip(clouds.frames.tolist(), clouds, strict=True):
         points.astype("<f4", copy=False).tofile(folder / "clouds" / f"{frame_name(frame)}.bin")
-    told.to_parquet(folder / "frames.parquet", index=False)
+    named_frames.to_parquet(folder / "frames.parquet", index=False)
     labels[list(BOX_COLUMNS)].to_parquet(folder / "boxes.parquet", index=False)
-    return told
+    return named_frames

@@ -1,4 +1,4 @@
-"""What a scene consists of: parts that are recorded by themselves, and so in parallel."""
+"""Parts of a scene, which are recorded by themselves, and so in parallel."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -7,10 +7,10 @@ from lidarplace.logs.box_log import BoxLog
 
 
 class Recording(Protocol):
-    """All that the log of a part depends on: a frozen dataclass of settings and plain data."""
+    """Settings and plain data that the log of a part depends on: a frozen dataclass."""
 
     def record(self) -> BoxLog:
-        """The log, the same whenever it is asked for."""
+        """Record the log, the same at each call."""
 
 
 @dataclass(frozen=True)

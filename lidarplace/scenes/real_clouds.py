@@ -2,8 +2,8 @@
 
 import shutil
 from collections import deque
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,13 +43,14 @@ LiDAR, in the order of the file; and how many each LiDAR of the rig has, or all 
 def count_real_points(
     log: BoxLog, folder: Path, origin: Sequence[float] | None = None, keep: Path | None = None
 ) -> tuple[BoxLog, int]:
-    """The log with the points of its clouds in its boxes, and how many frames have a cloud.
+    """Count the points of clouds in the boxes of a log; return it, and the number of clouds.
 
     `points/NAME` is counted for each LiDAR of a rig, and `POINTS` where the log has no counts.
     Boxes of frames without a cloud have NaN. Raises ValueError if no frame has a cloud, a file is
     wrong, or clouds do not fit rig or boxes.
 
     Args:
+        log: the log; its rigs split the counts.
         folder: holds the file of each frame by the path in column `CLOUD` of the frames, or by the
             last part of it; without that column `SCENE/FRAME.*` or `FRAME.*` by the frame's number.
         origin: where the frame of the points starts in our ego frame, metres, its axes being ours;
@@ -61,84 +62,102 @@ def count_real_points(
         expected = log.frames[CLOUD].iloc[0] if CLOUD in log.frames else named
         raise InputError("no cloud of any frame", place=folder, expected=expected)
     boxes = log.boxes.reset_index(drop=True)
-    rows_of = boxes.groupby("frame").indices
-    geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
-    looked_at = set(list(paths)[:: 1 + len(paths) // LOOKED_AT])
-    counted: dict[str, NDArray[np.float64]] = {}
-    inside, around = (np.full(len(boxes), np.nan) for _ in range(2))
+    counter = _PointCounter(boxes, paths, origin)
+    scenes = log.frames[log.frames["frame"].isin(paths)].groupby("scene", sort=False)["frame"]
+    parts = [
+        (str(scene), frames.tolist()[start : start + PART])
+        for scene, frames in scenes
+        for start in range(0, len(frames), PART)
+    ]
+    with nullcontext() if keep is None else _new_folder(keep) as partial:
+        for number, (scene, numbers) in enumerate(parts):
+            sweeps = counter.sweeps(numbers, log.rigs.get(scene))
+            if partial is None:
+                deque(sweeps, maxlen=0)  # only counted
+            else:
+                packed = PointClouds.from_frames(numbers, map(_kept, sweeps), KEPT)
+                write_clouds(partial / f"{number:04d}", packed)
+        _check_frame(counter.geometry, counter.inside, counter.around, folder)
+    if POINTS in boxes:
+        counter.counts.pop(POINTS, None)
+    return replace(log, boxes=boxes.assign(**counter.counts)), len(paths)
 
-    def sweeps(own: Sequence[int], rig: RecordedRig | None) -> Iterator[Sweep]:
+
+class _PointCounter:
+    """Counts of points in the boxes of a log, sweep by sweep."""
+
+    def __init__(
+        self, boxes: pd.DataFrame, paths: Mapping[int, Path], origin: Sequence[float] | None
+    ) -> None:
+        self._paths, self._origin = paths, origin
+        self._rows_of = boxes.groupby("frame").indices
+        self._looked_at = set(list(paths)[:: 1 + len(paths) // LOOKED_AT])
+        self.geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
+        self.counts: dict[str, NDArray[np.float64]] = {}
+        self.inside, self.around = (np.full(len(boxes), np.nan) for _ in range(2))
+
+    def sweeps(self, frames: Sequence[int], rig: RecordedRig | None) -> Iterator[Sweep]:
+        """Yield the sweeps of frames of a scene, and count their points."""
         lidars = 0
-        for frame in own:
-            sweep, split = read_sweep(paths[frame], rig, origin)
+        for frame in frames:
+            sweep, split = read_sweep(self._paths[frame], rig, self._origin)
             lidars = lidars or len(split)
             if lidars != len(split):
                 problem = "column lidar is in some clouds of the scene and not in others"
-                raise InputError(problem, place=paths[frame])
-            rows = rows_of.get(frame, np.empty(0, np.int64))
+                raise InputError(problem, place=self._paths[frame])
+            rows = self._rows_of.get(frame, np.empty(0, np.int64))
+            boxes = self.geometry[rows]
             points = np.split(sweep, np.cumsum(split)[:-1])
-            by_lidar = np.array([count_points(each, geometry[rows]) for each in points])
+            by_lidar = np.array([count_points(each, boxes) for each in points])
             columns = {POINTS: by_lidar.sum(axis=0)}
             if rig is not None and len(rig.names) == len(by_lidar):
                 columns |= {f"{POINTS}/{n}": c for n, c in zip(rig.names, by_lidar, strict=True)}
             for name, counts in columns.items():
-                counted.setdefault(name, np.full(len(boxes), np.nan))[rows] = counts
-            if frame in looked_at:
-                inside[rows], around[rows] = _near_points(sweep, geometry[rows])
+                unknown = np.full(len(self.geometry), np.nan)
+                self.counts.setdefault(name, unknown)[rows] = counts
+            if frame in self._looked_at:
+                self.inside[rows], self.around[rows] = _near_points(sweep, boxes)
             yield sweep, split
 
-    partial = None if keep is None else temporary(keep)
-    scenes = log.frames[log.frames["frame"].isin(paths)].groupby("scene", sort=False)["frame"]
+
+@contextmanager
+def _new_folder(folder: Path) -> Iterator[Path]:
+    """Make a folder that takes the place of `folder` at the end; without it, parents go, too."""
+    partial = temporary(folder)
     try:
-        parts = [
-            (str(scene), frames.tolist()[start : start + PART])
-            for scene, frames in scenes
-            for start in range(0, len(frames), PART)
-        ]
-        for number, (scene, own) in enumerate(parts):
-            found = sweeps(own, log.rigs.get(scene))
-            if partial is None:
-                deque(found, maxlen=0)  # only counted
-            else:
-                packed = PointClouds.from_frames(own, map(_kept, found), KEPT)
-                write_clouds(partial / f"{number:04d}", packed)
-        _check_frame(geometry, inside, around, folder)
-        if keep is not None and partial is not None:
-            shutil.rmtree(keep, ignore_errors=True)
-            partial.rename(keep)
+        yield partial
+        shutil.rmtree(folder, ignore_errors=True)
+        partial.rename(folder)
     finally:
-        if keep is not None and partial is not None:
-            shutil.rmtree(partial, ignore_errors=True)
-            for above in keep.parents[:2]:  # a log's that was not written
-                with suppress(OSError):
-                    above.rmdir()
-    if POINTS in boxes:
-        counted.pop(POINTS, None)
-    return replace(log, boxes=boxes.assign(**counted)), len(paths)
+        shutil.rmtree(partial, ignore_errors=True)
+        for parent in folder.parents[:2]:  # a log's that was not written
+            with suppress(OSError):
+                parent.rmdir()
 
 
 def _paths(frames: pd.DataFrame, folder: Path) -> dict[int, Path]:
-    """The file of each frame that has one, by the frame's number."""
-    numbers, found = frames["frame"].tolist(), []
+    """Find the file of each frame that has one, by the frame's number."""
+    numbers, paths = frames["frame"].tolist(), []
     if CLOUD in frames:
         for name in frames[CLOUD]:
             names = (name, Path("training") / name, Path(name).name)
-            found.append(next((folder / n for n in names if is_there(folder / n)), None))
+            paths.append(next((folder / n for n in names if is_there(folder / n)), None))
     else:
         files: dict[tuple[str, int], Path] = {}  # "" is the scene of those in the folder itself
-        for path in sorted([*folder.glob("[!.]*"), *folder.glob("*/[!.]*")]):
+        for path in sorted([*folder.glob("[!.]*"), *folder.glob("[!.]*/[!.]*")]):
             stem = path.name.partition(".")[0]
             if path.name.lower().endswith(CLOUD_SUFFIXES) and stem.isdecimal():
                 files["" if path.parent == folder else path.parent.name, int(stem)] = path
         keys = zip(frames["scene"].map(str), numbers, strict=True)
-        found = [files.get(key) or files.get(("", key[1])) for key in keys]
-    return {n: path for n, path in zip(numbers, found, strict=True) if path is not None}
+        paths = [files.get(key) or files.get(("", key[1])) for key in keys]
+    return {n: path for n, path in zip(numbers, paths, strict=True) if path is not None}
 
 
 def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | None) -> Sweep:
-    """The points of a file, in the ego frame and by LiDAR; `origin` as of `count_real_points`.
-    Points without a place are left out. Raises ValueError as `read_cloud`, and if LiDARs or rings
-    are none of the rig's, or nothing places the sensor."""
+    """Read the points of a file, in the ego frame and by LiDAR.
+
+    `origin` is that of `count_real_points`. Points without a place are left out. Raises ValueError
+    as `read_cloud`, and if LiDARs or rings are none of the rig's, or nothing places the sensor."""
     cloud = read_cloud(path)
     cloud = cloud[np.isfinite(cloud[list("xyz")].to_numpy()).all(axis=1)]
     lidar, number = np.zeros(len(cloud), np.int64), 1
@@ -162,7 +181,7 @@ def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | No
 
 
 def _lidars(cloud: pd.DataFrame, rig: RecordedRig, path: Path) -> NDArray[np.int64]:
-    """The LiDAR of the rig of each point."""
+    """Return the number in the rig of each point's LiDAR."""
     if len(rig.names) == 1:
         return np.zeros(len(cloud), np.int64)
     values = cloud["lidar"]
@@ -172,8 +191,10 @@ def _lidars(cloud: pd.DataFrame, rig: RecordedRig, path: Path) -> NDArray[np.int
         numbers = pd.Index(rig.names).get_indexer(pd.Index(values.astype(str)))
     if (row := first((numbers < 0) | (numbers >= len(rig.names)))) is not None:
         problem = "point of a LiDAR that is not in the rig"
-        known, found = f"{', '.join(rig.names)}, or their numbers from 0", values.iloc[row]
-        raise InputError(problem, place=path, key="lidar", expected=known, found=found)
+        expected = f"{', '.join(rig.names)}, or their numbers from 0"
+        raise InputError(
+            problem, place=path, key="lidar", expected=expected, found=values.iloc[row]
+        )
     return np.asarray(numbers, np.int64)
 
 
@@ -195,15 +216,15 @@ def _check_rings(
 def _near_points(
     points: NDArray[np.float32], boxes: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Points in each box above its floor, and in the same box grown to its sides; (m,) each."""
-    own = boxes.copy()
-    own[:, 5] = np.maximum(own[:, 5] - FLOOR_M, 0)
-    own[:, 2] += FLOOR_M / 2
-    grown = own.copy()
+    """Count points in each box above its floor, and in the box grown to its sides; (m,) each."""
+    raised = boxes.copy()
+    raised[:, 5] = np.maximum(raised[:, 5] - FLOOR_M, 0)
+    raised[:, 2] += FLOOR_M / 2
+    grown = raised.copy()
     grown[:, 3:5] += 2 * AROUND_M
     grown[:, 5] += AROUND_M
     grown[:, 2] += AROUND_M / 2
-    return count_points(points, own), count_points(points, grown)
+    return count_points(points, raised), count_points(points, grown)
 
 
 def _check_frame(
@@ -214,21 +235,20 @@ def _check_frame(
 ) -> None:
     """Raise InputError if most points around near boxes are outside of them, or none is in any."""
     near = (np.hypot(boxes[:, 0], boxes[:, 1]) < NEAR_M) & ~np.isnan(around)
-    judged = near & (around >= LEAST_POINTS)
-    few = judged.sum() < LEAST_BOXES
+    compared = near & (around >= LEAST_POINTS)
+    few = compared.sum() < LEAST_BOXES
     if near.sum() < LEAST_BOXES or (few and inside[near].any()):
         return
-    judged = near if few else judged
-    outside = float(np.median(1 - inside[judged] / np.maximum(around[judged], 1)))
+    compared = near if few else compared
+    outside = float(np.median(1 - inside[compared] / np.maximum(around[compared], 1)))
     if outside > MOST_OUTSIDE:
-        problem = f"points around boxes are outside of them (median of {judged.sum():,} boxes)"
+        problem = f"points around boxes are outside of them (median of {compared.sum():,} boxes)"
         parts = {"expected": f"at most {MOST_OUTSIDE:.0%}", "found": f"{outside:.0%}"}
         fix = "are the clouds in another frame, or of other frames?"
         raise InputError(problem, place=folder, fix=fix, **parts)
 
 
 def _kept(sweep: Sweep) -> Sweep:
-    """The points within `KEPT`."""
     points, counts = sweep
     inside = ((points[:, :3] >= KEPT[:3]) & (points[:, :3] <= KEPT[3:])).all(axis=1)
     lidar = np.repeat(np.arange(len(counts)), counts)

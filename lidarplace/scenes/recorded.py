@@ -26,7 +26,7 @@ from lidarplace.rigs.recorded import RecordedRig, one_rig
 from lidarplace.scenes.datasets.class_maps import PAPER, PAPER_GROUPS, ClassMap, check_class_map
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.sanity_checks.check_log import check_log
-from lidarplace.scenes.sanity_checks.copies import doubts_of_copies
+from lidarplace.scenes.sanity_checks.copies import copied_test_frames
 
 
 class LogScene(Settings):
@@ -90,18 +90,18 @@ class LogScene(Settings):
         return self.folder.resolve().name
 
     def frame_counts(self) -> tuple[int, int]:
-        """Number of training and of test frames."""
+        """Count training and test frames."""
         return self._frame_counts
 
     @cached_property
     def _frame_counts(self) -> tuple[int, int]:
-        own = read_frames(self.folder)["split"]
-        tests = own if self.test_folder is None else read_frames(self.test_folder)["split"]
-        return int((own == "train").sum()), int((tests == "test").sum())
+        splits = read_frames(self.folder)["split"]
+        tests = splits if self.test_folder is None else read_frames(self.test_folder)["split"]
+        return int((splits == "train").sum()), int((tests == "test").sum())
 
     @property
     def real_clouds(self) -> Path:
-        """Where the clouds of the recorded rig are, a folder each scene."""
+        """Folder of the clouds of the recorded rig, which has a folder each scene."""
         return self.folder / "clouds" / "recorded"
 
     @cached_property
@@ -117,11 +117,11 @@ class LogScene(Settings):
         return rig
 
     def remedy(self, split: str) -> str:
-        """What to change if there is no frame of a split."""
+        """Say what to change if there is no frame of a split."""
         return f"column split of {self.folder / 'frames.parquet'} has to name some"
 
     def digest(self) -> str:
-        """Hash of the tables, rigs and static worlds, and of the class map `paper` if it counts."""
+        """Hash the tables, rigs and static worlds, and the class map `paper` if it counts."""
         digest = hashlib.sha256()
         extra = [path for name in (RIG_FILE, WORLD_FILE) for path in self.folder.glob(name)]
         for path in sorted([*self.folder.glob("*.parquet"), *extra]):
@@ -132,7 +132,7 @@ class LogScene(Settings):
         return digest.hexdigest()
 
     def read(self) -> BoxLog:
-        """The log. Raises ValueError that names the file if something is wrong with it."""
+        """Read the log; raise ValueError that names the file if something is wrong with it."""
         log = read_box_log(self.folder)
         if self.class_map is None:
             return log
@@ -142,12 +142,14 @@ class LogScene(Settings):
         return replace(log, boxes=boxes.reset_index(drop=True))
 
     def cautions(self) -> tuple[str, ...]:
-        """Implausible values of the log, a line each. Raises InputError for values that are wrong
-        beyond doubt, and for test routes that are training routes."""
+        """List implausible values of the log, a line each.
+
+        Raises InputError for values that are certainly wrong, and for test routes that are training
+        routes."""
         return _cautions(tuple(part.recording for part in log_parts(self)))
 
     def groups(self) -> ClassMap:
-        """Which class of the log counts as which; what it does not name stays as it is."""
+        """Return the class map of the log's classes; others stay as they are."""
         return PAPER_GROUPS if isinstance(self.class_map, str) else self.class_map or {}
 
 
@@ -159,7 +161,7 @@ class LogRecording:
     digest: str
 
     def record(self) -> BoxLog:
-        """Read it. Raises as `LogScene.read` does, and if the log is not what it was."""
+        """Read it; raise as `LogScene.read` does, and if the log is not what it was."""
         if self.scene.digest() != self.digest:
             problem, fix = "the log has changed since the command was given", "give it again"
             raise InputError(problem, place=self.scene.folder, fix=fix)
@@ -167,27 +169,26 @@ class LogRecording:
 
 
 def log_parts(scene: LogScene) -> list[ScenePart]:
-    """The log as one part, and the log of its test frames as another if it is one."""
+    """List the log as one part, and the log of its test frames as another if it is one."""
     counts = dict(zip(SPLITS, scene.frame_counts(), strict=True))
     # Constructed, not copied: counts of frames are not those of the copy.
-    own = LogScene.model_construct(**(dict(scene) | {"test_folder": None}))
+    train = LogScene.model_construct(**(dict(scene) | {"test_folder": None}))
     if scene.test_folder is None:
         splits = tuple(split for split, count in counts.items() if count)
-        return [ScenePart("", LogRecording(own, own.digest()), splits)]
-    other = LogScene.model_construct(**(dict(own) | {"folder": scene.test_folder}))
+        return [ScenePart("", LogRecording(train, train.digest()), splits)]
+    test = LogScene.model_construct(**(dict(train) | {"folder": scene.test_folder}))
     return [
         ScenePart(name, LogRecording(log, log.digest()), (split,))
-        for name, log, split in (("", own, "train"), ("test log", other, "test"))
+        for name, log, split in (("", train, "train"), ("test log", test, "test"))
         if counts[split]
     ]
 
 
 @lru_cache(maxsize=8)
 def _cautions(recordings: tuple[LogRecording, ...]) -> tuple[str, ...]:
-    """Check the log, or the log to train on and the log to test on; see `LogScene.cautions`."""
     logs = {recording.scene.folder: recording.record() for recording in recordings}
     cautions = [caution for folder, log in logs.items() for caution in check_log(log, folder)]
     if len(logs) > 1:
         (_, train), (folder, test) = logs.items()
-        cautions += check_log(test, folder, doubts_of_copies(train, test))
+        cautions += check_log(test, folder, copied_test_frames(train, test))
     return tuple(cautions)

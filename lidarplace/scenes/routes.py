@@ -1,4 +1,4 @@
-"""What every simulated scene says of its routes: how long they are and which frames are kept."""
+"""Routes of simulated scenes: how long they are and which frames are kept."""
 
 import math
 from typing import Literal
@@ -45,8 +45,9 @@ class RouteSettings(Settings):
 
 
 def split_of(split: Literal["route", "paper"], part: Part, frames: int) -> NDArray[np.str_]:
-    """What each of the kept frames of a route is for, "train" or "test", shape (frames,). `part` is
-    what the route is for, if routes are not divided."""
+    """Assign the kept frames of a route to "train" or "test", shape (frames,).
+
+    `part` is the purpose of the route, if routes are not divided."""
     if split == "route":
         return np.full(frames, part)
     tenth = np.arange(frames) % TEST_EVERY == TEST_EVERY - 1
@@ -54,5 +55,5 @@ def split_of(split: Literal["route", "paper"], part: Part, frames: int) -> NDArr
 
 
 def seed_of(*key: int) -> int:
-    """A seed of 31 bits, as SUMO's tools and CARLA take them."""
+    """Derive a seed of 31 bits, as SUMO's tools and CARLA take them."""
     return int(np.random.SeedSequence(key).generate_state(1)[0] >> 1)

@@ -1,16 +1,14 @@
 """The best pose of one LiDAR of a rig, or of one more, all others staying where they are."""
 
-import math
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 from itertools import chain
 
 import numpy as np
 from scipy.stats import qmc
 
-from lidarplace.mounting.body_share import body_share
-from lidarplace.mounting.vehicle import body_of, depth_in_body
+from lidarplace.mounting.limits import MICROMETRE, Limits, MountedSensors, check
 from lidarplace.mounting.zone import Zone, distance, position
 from lidarplace.recall.choice import RecallChoice
 from lidarplace.rigs.lidar import Lidar
@@ -18,7 +16,7 @@ from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.studio.numbers import Meter, thinned
 from lidarplace.studio.rig import Rig, added, pose_of, posed, removed
 from lidarplace.studio.rigs_file import RigsFile
-from lidarplace.studio.violations import MICROMETRE, judged, totals_above, violations
+from lidarplace.studio.violations import requirement_results, totals_above, violations
 
 ROUNDS = 4
 PER_ROUND = 32
@@ -31,6 +29,8 @@ ANY_HEADING_DEG = (10.0, 20.0, 180.0)
 """The same of one more LiDAR that does not look all around."""
 AROUND_M = 0.4
 """How far a LiDAR goes to each side without zones, and how far above the body one more goes."""
+LEAST_DISTANCE_M = 1e-3
+"""Least distance between two LiDARs, whatever the file allows."""
 RAYS = 20_000
 """Of a LiDAR in a frame while poses are compared."""
 
@@ -48,23 +48,29 @@ class BestPose:
     broken: tuple[str, ...]
 
 
-class Limits:
-    """Constraints and requirements of a file that hold under a rig."""
+class KeptLimits:
+    """Limits and requirements of a file that a rig keeps."""
 
     def __init__(self, rig: Rig, file: RigsFile) -> None:
         self._file = file
-        self._broken = {(one.constraint, one.lidars) for one in violations(rig, file)}
-        met = {one.requirement.name for one in judged(rig, file, file.laid) if one.met}
-        self._met = [own for own in file.laid if own.requirement.name in met]
+        self._broken = {(one.limit, one.lidars) for one in violations(rig, file)}
+        met = {
+            one.requirement.name for one in requirement_results(rig, file, file.layouts) if one.met
+        }
+        self._met = [own for own in file.layouts if own.requirement.name in met]
 
     def broken_by(self, rig: Rig) -> tuple[str, ...]:
         """Names of what held and does not under another rig, whose LiDARs have the same numbers.
         Requirements, which take longest, are judged if all else is kept."""
         now = violations(rig, self._file)
-        broken = [one.constraint for one in now if (one.constraint, one.lidars) not in self._broken]
+        broken = [one.limit for one in now if (one.limit, one.lidars) not in self._broken]
         if broken or not self._met:
             return tuple(dict.fromkeys(broken))
-        met = {one.requirement.name for one in judged(rig, self._file, self._met) if one.met}
+        met = {
+            one.requirement.name
+            for one in requirement_results(rig, self._file, self._met)
+            if one.met
+        }
         names = (own.requirement.name for own in self._met)
         return tuple(name for name in names if name not in met)
 
@@ -76,7 +82,7 @@ def improved(rig: Rig, number: int, file: RigsFile, meter: Meter) -> BestPose:
     with few rays; the best is kept only if it is better with all. What the file does not allow of a
     single LiDAR is not tried, and what breaks a constraint or a requirement that holds is not
     chosen. Raises ValueError: no object counts, or two LiDARs are in one place."""
-    search = _Search(rig, number, file, meter, Limits(rig, file))
+    search = _Search(rig, number, file, meter, KeptLimits(rig, file))
     old = rig.mounts[number]
     around = ((value - AROUND_M, value + AROUND_M) for value in old.position.tolist())
     zone = _nearest(file.zones, old) if file.zones else Zone.box("around", *around)
@@ -93,10 +99,10 @@ def best_addition(rig: Rig, model: str | None, file: RigsFile, meter: Meter) -> 
 
     As `improved`; without zones above the body. Raises ValueError also: the file allows no pose, or
     no more LiDAR."""
-    held, wider = Limits(rig, file), added(rig, model)
-    before = {one.constraint for one in totals_above(rig, file)}
+    held, wider = KeptLimits(rig, file), added(rig, model)
+    before = {one.limit for one in totals_above(rig, file)}
     for one in totals_above(wider, file):
-        if one.constraint not in before:
+        if one.limit not in before:
             raise ValueError(f"one more LiDAR is too much: {one.text}")
     search = _Search(wider, len(rig.lidars), file, meter, held)
     zones = file.zones or (_above(file),)
@@ -117,7 +123,7 @@ def _nearest(zones: Sequence[Zone], mount: Mount) -> Zone:
 
 def _above(file: RigsFile) -> Zone:
     """On and above the middle of the body."""
-    extents = body_of(file.vehicle).extents
+    extents = file.vehicle.body.extents
     low = extents[:, 0].min(axis=0, initial=0.0).tolist()
     high = extents[:, 1].max(axis=0, initial=0.0).tolist()
     return Zone.box("above", (low[0], high[0]), (low[1], high[1]), (high[2], high[2] + AROUND_M))
@@ -131,7 +137,7 @@ class _Search:
     number: int
     file: RigsFile
     meter: Meter
-    held: Limits
+    held: KeptLimits
     _breaks: dict[Mount, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -172,14 +178,16 @@ class _Search:
                 yield pose
 
     def _allowed(self, pose: Mount) -> bool:
-        limits, at = self.file.settings.constraints, pose.position
-        others = removed(self.rig, self.number).mounts
-        if depth_in_body(self.file.body, at[None])[0] > 0 or any(
-            math.dist(at, other.position) < max(limits.distance, 1e-3) for other in others
-        ):
+        """Whether the pose keeps the limits of a single LiDAR and its distance from the others."""
+        limits, models = self.file.limits, self.rig.models(self.file.lidar)
+        mounts = [*self.rig.mounts]
+        mounts[self.number] = pose
+        apart = Limits(distance=max(limits.distance or 0.0, LEAST_DISTANCE_M))
+        close = check(MountedSensors(mounts, models), apart, self.file.body)
+        if any(self.number in violation.lidars for violation in close):
             return False
-        share = limits.body_share
-        return share is None or body_share(pose, self.lidar, self.file.body) <= share
+        alone = replace(limits, zones=(), distance=None, common_view=None, facing=None)
+        return not check(MountedSensors([pose], [self.lidar]), alone, self.file.body)
 
     def best(self, tried: Sequence[Mount]) -> Mount | None:
         """The one that adds most to the other LiDARs, with few rays, and breaks nothing that held;

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.near_field import seen_in_columns
-from lidarplace.mounting.vehicle import Vehicle, body_of
-from lidarplace.requirements.judge import Outcome
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.requirements.check_requirements import RequirementResult
 from lidarplace.rigs.placement import Placement
 
 EDGE_M = 0.25
@@ -54,7 +54,7 @@ def _counted(
     placement: Placement | None, vehicle: Vehicle, height: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Middles of the cells, and the sensors over each."""
-    extents = body_of(vehicle).extents
+    extents = vehicle.body.extents
     low = extents[:, 0, :2].min(axis=0, initial=0.0) - REACH_M
     high = extents[:, 1, :2].max(axis=0, initial=0.0) + REACH_M
     (x0, y0), (x1, y1) = np.floor(low / EDGE_M) * EDGE_M, np.ceil(high / EDGE_M) * EDGE_M
@@ -69,7 +69,7 @@ def _counted(
     return middles, sensors[there]
 
 
-def failing_ground(outcome: Outcome) -> BlindGround:
+def failing_ground(outcome: RequirementResult) -> BlindGround:
     """The positions of a requirement that have too little in any of its cases."""
     fails = outcome.least_of < outcome.requirement.least
     points = outcome.positions.points[fails]

@@ -8,9 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
 from lidarplace.base.errors import at
@@ -28,10 +26,11 @@ from lidarplace.configuration.settings import Amount, Name, Settings, fault, sho
 from lidarplace.configuration.vehicle import OwnVehicle, VehicleSettings, vehicle_of
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.files.atomic import write_text
+from lidarplace.mounting.limits import Limits
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone
 from lidarplace.recall.detection_curve import default_curves
-from lidarplace.requirements.layout import Laid, lay_out
+from lidarplace.requirements.layout import RequirementLayout, lay_out
 from lidarplace.requirements.settings import Requirements
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.studio.rig import Rig
@@ -104,9 +103,10 @@ class RigsFile:
         return mountable(self.settings.zones, self.vehicle)
 
     @cached_property
-    def keep_out(self) -> NDArray[np.float64]:
-        """Lower and upper corners, metres, shape (n, 2, 3)."""
-        return keep_out_boxes(self.settings.keep_out)
+    def limits(self) -> Limits:
+        """Limits of mounting."""
+        keep_out = keep_out_boxes(self.settings.keep_out)
+        return self.settings.constraints.limits(self.vehicle, keep_out, self.zones)
 
     @cached_property
     def vehicle(self) -> Vehicle:
@@ -129,13 +129,13 @@ class RigsFile:
         return None if self.carrier_settings is None else self.body
 
     @cached_property
-    def laid(self) -> tuple[Laid, ...]:
+    def layouts(self) -> tuple[RequirementLayout, ...]:
         """The requirements, laid out around the body. Raises ValueError if one cannot be."""
-        laid, curves = [], default_curves()
+        layouts, curves = [], default_curves()
         for own in self.settings.requirements:
             with at(self.path), at(f"requirements {own.name!r}"):
-                laid.append(lay_out(own.requirement(self.body, curves), self.body))
-        return tuple(laid)
+                layouts.append(lay_out(own.requirement(self.body, curves), self.body))
+        return tuple(layouts)
 
     def text_with(self, rigs: Sequence[Rig]) -> str:
         """The file with these rigs in place of its own; comments are lost."""

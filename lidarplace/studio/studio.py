@@ -18,7 +18,7 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import CLASSES
 from lidarplace.mounting.polygon import GRID_DIGITS, nearest
 from lidarplace.mounting.zone import distance
-from lidarplace.requirements.judge import Outcome
+from lidarplace.requirements.check_requirements import RequirementResult
 from lidarplace.rigs.placement import Placement
 from lidarplace.studio import blind_ground as ground
 from lidarplace.studio import rig as edits
@@ -30,7 +30,7 @@ from lidarplace.studio.numbers import Meter, Numbers
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile, as_yaml, write_rigs
 from lidarplace.studio.sweep_files import RUNS, evaluation_of, is_evaluation, sweep_of
-from lidarplace.studio.violations import Violation
+from lidarplace.studio.violations import ReportedViolation
 from lidarplace.studio.why_unseen import AimedRays, why_unseen
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class Studio:
         if log.frames.empty:
             raise ValueError("the log has no frame")
         there = set(log.boxes["class"])
-        file.laid  # noqa: B018 - raises for a bad requirement before anything else is done
+        file.layouts  # noqa: B018 - raises for a bad requirement before anything else is done
         self.file, self.log, self.roi = file, log, roi
         self.classes = tuple(c for c in CLASSES if c in there) or CLASSES
         self.left_out = tuple(sorted(there.difference(self.classes)))
@@ -103,7 +103,7 @@ class Studio:
         self._frames = LogFrames(log, folder)
         self._frame = self.frame_numbers[0]
         self._view = self._view_of(self._frame)
-        self._judged: tuple[Placement | None, Sequence[Outcome]] = (None, ())
+        self._judged: tuple[Placement | None, Sequence[RequirementResult]] = (None, ())
 
     @cached_property
     def meter(self) -> Meter:
@@ -262,26 +262,26 @@ class Studio:
         price = {"Price": math.fsum(limits.prices_of(rig, self.file))} if priced else {}
         return price | {"Power, W": math.fsum(limits.powers_of(rig, self.file))}
 
-    def violations(self) -> tuple[Violation, ...]:
+    def violations(self) -> tuple[ReportedViolation, ...]:
         """What the rig does not keep of what the file says."""
         kept = self.misplaced()
         if self.placement is None:
-            return (*kept, *limits.unasked(self.file.laid))
-        unknown = limits.unknown(self.rig, self.file).values()
+            return (*kept, *limits.unmet_without_lidars(self.file.layouts))
+        unknown = limits.inapplicable(self.rig, self.file).values()
         return (*kept, *unknown, *limits.unmet(self.outcomes()))
 
-    def misplaced(self) -> tuple[Violation, ...]:
+    def misplaced(self) -> tuple[ReportedViolation, ...]:
         """The same without requirements, which take longer."""
         own = limits.violations(self.rig, self.file)
         return (*own, *limits.blind(self.rig, self.file, self.roi))
 
-    def outcomes(self) -> Sequence[Outcome]:
+    def outcomes(self) -> Sequence[RequirementResult]:
         """What becomes of the requirements that can be asked of the LiDARs; nothing without one."""
         placement, (known, found) = self.placement, self._judged
         if placement is None:
             return ()
         if placement != known:
-            found = limits.judged(self.rig, self.file, self.file.laid)
+            found = limits.requirement_results(self.rig, self.file, self.file.layouts)
             self._judged = placement, found
         return found
 

@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 
 from lidarplace.base.roi import Roi
+from lidarplace.configuration.renamed_keys import current_key, with_current_keys
 from lidarplace.files.columns import check_columns
 from lidarplace.files.tables import read_csv
 from lidarplace.studio.rig import Rig
@@ -20,8 +21,8 @@ RUNS = Path("runs")
 """The folder of run folders, as of any sweep."""
 MOST_RAYS = 100_000
 """Of a rig in evaluated clouds; the generalist was trained on at most about twice as many."""
-JUDGE: Content = {
-    "judge": "pretrained",
+EVALUATION: Content = {
+    "evaluator": "pretrained",
     "mounting_errors": {"offset": 0.01, "angle_deg": 0.5},
     "surrogate": {"names": ["covered_entropy"], "accuracy": False, "sampling_error": False},
 }
@@ -61,8 +62,8 @@ def _vehicle(file: RigsFile) -> Content:
 
 def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None) -> Content:
     """A sweep of `sweep_of`, judged in seconds by the generalist of the package.
-    `before` is an earlier evaluation, which is brought up to date: how it judges stays."""
-    content = JUDGE | (before or {})
+    `before` is an earlier evaluation, which is brought up to date: its evaluator stays."""
+    content = EVALUATION | with_current_keys(before or {})
     rigs = (Rig.of_written(name, own) for name, own in sweep["placements"].items())
     rays = max(sum(own.rays for own in rig.models(file.lidar)) for rig in rigs)
     share = {"cloud_share": round(MOST_RAYS / rays, 3)} if rays > MOST_RAYS else {}
@@ -78,7 +79,10 @@ def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None)
 
 def is_evaluation(content: Any) -> bool:
     """Whether a file's content can be brought up to date by `evaluation_of`."""
-    if not isinstance(content, dict) or content.get("judge") not in ("pretrained", "generalist"):
+    if not isinstance(content, dict):
+        return False
+    evaluators = [value for key, value in content.items() if current_key(str(key)) == "evaluator"]
+    if evaluators not in (["pretrained"], ["generalist"]):
         return False
     return all(isinstance(content.get(key, {}), dict) for key in ("surrogate", "grid"))
 

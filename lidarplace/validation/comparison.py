@@ -18,7 +18,7 @@ _FEWEST = 20  # objects of a row of a table
 
 
 def log_ratio(simulated: NDArray[np.float64], real: NDArray[np.float64]) -> NDArray[np.float64]:
-    """log2 of simulated over real points, of objects that have both, shape (those,)."""
+    """Return log2 of simulated over real points, of objects that have both, shape (those,)."""
     both = (real > 0) & (simulated >= 0.5)
     return np.asarray(np.log2(simulated[both] / real[both]))
 
@@ -28,14 +28,15 @@ def scores(
     real: NDArray[np.float64],
     chance: dict[int, NDArray[np.float64]],
 ) -> dict[str, float]:
-    """How far simulated points of objects are from real ones; `chance` is the probability that a
-    simulated object has at least so many points, by `LEAST`.
+    """Score simulated points of objects against real ones.
+
+    `chance` is the probability that a simulated object has at least so many points, by `LEAST`.
 
     Returns objects; ratio of sums; bias, the median of log2 of the ratios; spread, the median of
     its absolute value; within_2, the share within a factor 2; rho, Spearman's, over objects; and
     for each n of `LEAST` the shares real_n and simulated_n of objects with n points."""
     ratio = log_ratio(simulated, real)
-    found = {
+    values = {
         "objects": float(len(real)),
         "ratio": float(simulated.sum() / real.sum()) if real.sum() else np.nan,
         "bias": _of_some(np.median, ratio),
@@ -44,9 +45,9 @@ def scores(
         "rho": rank_correlation(simulated, real),
     }
     for least in LEAST:
-        found[f"real_{least}"] = _of_some(np.mean, real >= least)
-        found[f"simulated_{least}"] = _of_some(np.mean, chance[least])
-    return found
+        values[f"real_{least}"] = _of_some(np.mean, real >= least)
+        values[f"simulated_{least}"] = _of_some(np.mean, chance[least])
+    return values
 
 
 def _of_some(statistic: Callable[[Any], Any], values: NDArray[Any]) -> float:
@@ -54,7 +55,7 @@ def _of_some(statistic: Callable[[Any], Any], values: NDArray[Any]) -> float:
 
 
 def rank_correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Spearman's rho; NaN of fewer than 3, or of equal numbers."""
+    """Return Spearman's rho; NaN of fewer than 3, or of equal numbers."""
     if len(a) < 3:
         return np.nan
     return float(pd.Series(a).rank().corr(pd.Series(b).rank()))
@@ -63,8 +64,9 @@ def rank_correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 def chances(
     rays: NDArray[np.float64], expected: NDArray[np.float64]
 ) -> dict[int, NDArray[np.float64]]:
-    """Probability of at least so many points of every object, by `LEAST`, if each of its `rays`
-    returns by itself, `expected` many in all; shape (objects,)."""
+    """Compute the probability of at least so many points of every object, by `LEAST`; (objects,).
+
+    Each of its `rays` returns by itself, `expected` many in all."""
     from scipy.stats import binom
 
     share = np.divide(expected, rays, out=np.zeros_like(expected), where=rays > 0)
@@ -72,13 +74,14 @@ def chances(
 
 
 def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
-    """`scores` of models by distance, class and route; rows of few objects are left out. Objects
-    have columns class, route, distance, world, real, rays/MODEL (of them, before anything gets
-    lost) and points/MODEL. Returns columns model, by (all, distance, class or route), group, those
-    of `scores`, and world, the share of objects in scenes with a static world."""
+    """Score models by distance, class and route; rows of few objects are left out.
+
+    Objects have columns class, route, distance, world, real, rays/MODEL (of them, before anything
+    gets lost) and points/MODEL. Returns columns model, by (all, distance, class or route), group,
+    those of `scores`, and world, the share of objects in scenes with a static world."""
     near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
     band = pd.cut(near["distance"], list(BANDS_M), right=False)
-    names = band.map(lambda own: f"{own.left:g} to {own.right:g} m").astype(object)
+    names = band.map(lambda interval: f"{interval.left:g} to {interval.right:g} m").astype(object)
     groups: dict[str, Iterable[tuple[object, pd.DataFrame]]] = {
         "all": [("all", near)],
         "distance": near.groupby(names, sort=False),
@@ -88,24 +91,25 @@ def comparison(objects: pd.DataFrame, models: Sequence[str]) -> pd.DataFrame:
     rows = []
     for model in models:
         for by, parts in groups.items():
-            own = [(str(name), part) for name, part in parts if len(part) >= _FEWEST or by == "all"]
+            large = [(str(n), part) for n, part in parts if len(part) >= _FEWEST or by == "all"]
             if by == "distance":
-                own.sort(key=lambda item: float(item[0].split()[0]))
-            for name, part in own:
+                large.sort(key=lambda item: float(item[0].split()[0]))
+            for name, part in large:
                 points = part[f"points/{model}"].to_numpy(np.float64)
                 chance = chances(part[f"rays/{model}"].to_numpy(np.float64), points)
-                found = scores(points, part["real"].to_numpy(np.float64), chance)
+                values = scores(points, part["real"].to_numpy(np.float64), chance)
                 world = float(part["world"].mean())
-                rows.append({"model": model, "by": by, "group": name, **found, "world": world})
+                rows.append({"model": model, "by": by, "group": name, **values, "world": world})
     return pd.DataFrame(rows)
 
 
 def floor(objects: pd.DataFrame) -> dict[str, float]:
-    """`scores` of the real points of an object against those in the frame before: no simulation of
-    single frames can be nearer than the world is to itself."""
+    """Score the real points of an object against those in the frame before.
+
+    No simulation of single frames can be nearer than the world is to itself."""
     near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
-    own = near.sort_values(["scene", "object_id", "frame"])
-    before = own.groupby(["scene", "object_id"])[["real", "frame"]].shift()
-    next_ = (own["frame"] - before["frame"] == 1).to_numpy()
-    real, was = own["real"].to_numpy(np.float64)[next_], before["real"].to_numpy(np.float64)[next_]
-    return scores(was, real, {n: (was >= n).astype(np.float64) for n in LEAST})
+    near = near.sort_values(["scene", "object_id", "frame"])
+    before = near.groupby(["scene", "object_id"])[["real", "frame"]].shift()
+    follows = near["frame"] - before["frame"] == 1
+    real, earlier = (table.loc[follows, "real"].to_numpy(np.float64) for table in (near, before))
+    return scores(earlier, real, {n: (earlier >= n).astype(np.float64) for n in LEAST})

@@ -33,9 +33,10 @@ def returned(
     placement: Placement,
     vehicle: Vehicle | None = None,
 ) -> NDArray[np.float64]:
-    """Share of the rays with something to return from that did, shape (LiDARs, SECTORS). NaN where
-    there is no such ray. `points` are x, y, z of a frame in the ego frame, shape (n, 3), each of
-    the LiDAR of a number. No vehicle: a sedan."""
+    """Return the share of rays with something to return from that did, shape (LiDARs, SECTORS).
+
+    NaN where there is no such ray. `points` are x, y, z of a frame in the ego frame, shape (n, 3),
+    each of the LiDAR of a number. No vehicle: a sedan."""
     body = (vehicle or sedan()).extents[:, :, :2]
     low, high = body[:, 0].min(axis=0, initial=np.inf), body[:, 1].max(axis=0, initial=-np.inf)
     world = ((points[:, :2] < low - _AROUND_M) | (points[:, :2] > high + _AROUND_M)).any(axis=1)
@@ -48,8 +49,8 @@ def returned(
         back, fired = seen[world & (lidar == number)], model.directions() @ mount.rotation.T
         met = np.split(_meets(np.concatenate([back, fired]), others), [len(back)])
         counts = [
-            np.bincount(sectors_of(own[here] @ mount.rotation), minlength=SECTORS)
-            for own, here in zip((back, fired), met, strict=True)
+            np.bincount(sectors_of(rays[meets] @ mount.rotation), minlength=SECTORS)
+            for rays, meets in zip((back, fired), met, strict=True)
         ]
         with np.errstate(invalid="ignore", divide="ignore"):
             rows.append(counts[0] / counts[1])
@@ -57,7 +58,7 @@ def returned(
 
 
 def _meets(rays: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether rays go to the ground nearby or to what others see; unit vectors."""
+    """Return whether rays go to the ground nearby or to what others see; unit vectors."""
     from scipy.spatial import cKDTree
 
     met = (rays[:, 2] >= DOWN[0]) & (rays[:, 2] <= DOWN[1])
@@ -69,10 +70,11 @@ def _meets(rays: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np
 
 
 def shadows(shares: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """What every sector returns of what open ones do, 1 where it is open; (LiDARs, SECTORS).
-    `shares` are `returned` of frames, at least one."""
+    """Return the share of an open sector's returns in each sector, 1 where it is open.
+
+    Shape (LiDARs, SECTORS). `shares` are `returned` of frames, at least one."""
     best = np.max(np.nan_to_num(np.array(shares), nan=np.inf, posinf=np.inf), axis=0)
-    known = np.where(np.isfinite(best), best, np.nan)
+    best = np.where(np.isfinite(best), best, np.nan)
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # no ray goes down
-        relative = known / np.nanquantile(known, _OPEN, axis=1, keepdims=True)
+        relative = best / np.nanquantile(best, _OPEN, axis=1, keepdims=True)
     return np.asarray(np.where(relative < SHADOW, relative, 1.0), np.float64)

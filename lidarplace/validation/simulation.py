@@ -1,5 +1,7 @@
-"""Returns of the recorded rig from every box of a log, as the simulator has them. Where the log has
-no static world there is no ground, as boxes far away stand metres above or below a plane."""
+"""Returns of the recorded rig from every box of a log, as the simulator has them.
+
+Where the log has no static world there is no ground, as boxes far away stand metres above or below
+a plane."""
 
 import math
 from collections.abc import Sequence
@@ -38,8 +40,12 @@ class Returns:
     points: NDArray[np.float64]  # rays that return
     distance: NDArray[np.float64]  # their mean range, metres
 
+    def shares(self, mask: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the share of a mask, (LiDARs, SECTORS), for each row; shape (N,)."""
+        return np.asarray(mask[self.lidar, self.sector])
 
-class Met(NamedTuple):
+
+class ObjectRays(NamedTuple):
     """Rays of a LiDAR that return from objects, shape (n,)."""
 
     ray: NDArray[np.int64]  # their numbers
@@ -49,8 +55,10 @@ class Met(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A rig in the frames of a log that it recorded. `surroundings` raise ValueError: a box is bad,
-    or a scene with a static world has a frame without a pose."""
+    """A rig in the frames of a log that it recorded.
+
+    `surroundings` raise ValueError: a box is bad, or a scene with a static world has a frame
+    without a pose."""
 
     log: BoxLog
     placement: Placement
@@ -66,35 +74,36 @@ class Recording:
     def _ends(self) -> list[NDArray[np.float64]]:
         return ends_in_rig(self.placement, self.vehicle)
 
-    def met(self, frame: int) -> list[Met]:
-        """What the rays of each LiDAR meet in a frame. Raises ValueError if it is not listed."""
+    def object_rays(self, frame: int) -> list[ObjectRays]:
+        """Cast the rays of each LiDAR in a frame; raise ValueError if it is not listed."""
         parts = body_parts(self.vehicle).and_(self.surroundings.parts(frame, REACH_M))
         world = self.surroundings.world(frame)
         views = zip(self.placement.mounts, self.placement.lidars, self._ends, strict=True)
-        return [rays_on_objects(m, own.in_frame(frame), parts, world, e) for m, own, e in views]
+        return [rays_on_objects(m, li.in_frame(frame), parts, world, e) for m, li, e in views]
 
 
 def simulate(recording: Recording, frames: Sequence[int]) -> Returns:
     """Cast every LiDAR in these frames, which are shared among numba's threads."""
     surroundings, lidars = recording.surroundings, recording.placement.lidars
-    fixed = {own: sectors_of(own.directions()) for own in lidars if own.pattern is None}
+    fixed = {lidar: sectors_of(lidar.directions()) for lidar in lidars if lidar.pattern is None}
 
-    def of_frame(frame: int) -> list[NDArray[np.float64]]:
-        rows, found = surroundings.rows(frame), []
-        for number, (lidar, met) in enumerate(zip(lidars, recording.met(frame), strict=True)):
+    def of_frame(frame: int) -> NDArray[np.float64]:
+        rows, columns = surroundings.rows(frame), [np.empty((5, 0))]
+        rays_of = recording.object_rays(frame)
+        for number, (lidar, rays) in enumerate(zip(lidars, rays_of, strict=True)):
             sector = fixed.get(lidar)
             if sector is None:
                 sector = sectors_of(lidar.in_frame(frame).directions())
-            cell = met.target * SECTORS + sector[met.ray]
+            cell = rays.target * SECTORS + sector[rays.ray]
             hit, points = np.unique(cell, return_counts=True)
-            mean = np.bincount(cell, met.range)[hit] / points
+            mean = np.bincount(cell, rays.range)[hit] / points
             of_lidar = np.full(len(hit), number)
-            found.append(np.stack([rows[hit // SECTORS], of_lidar, hit % SECTORS, points, mean]))
-        return found
+            columns.append(np.stack([rows[hit // SECTORS], of_lidar, hit % SECTORS, points, mean]))
+        return np.concatenate(columns, axis=1)
 
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
-        every = [own for found in threads.map(of_frame, frames) for own in found]
-    keys, (points, mean) = np.split(np.concatenate([np.empty((5, 0)), *every], axis=1), [3])
+        every = np.concatenate([np.empty((5, 0)), *threads.map(of_frame, frames)], axis=1)
+    keys, (points, mean) = np.split(every, [3])
     box, lidar, sector = keys.astype(np.int64)
     return Returns(box, lidar, sector, points, mean)
 
@@ -105,16 +114,16 @@ def rays_on_objects(
     parts: Parts,
     world: WorldAround | None = None,
     ends: NDArray[np.float64] = NO_ENDS,
-) -> Met:
+) -> ObjectRays:
     """Cast a LiDAR without flat ground; arguments as of `cast_in_world`."""
     hits = cast_in_world(mount, lidar, parts, world, ends=ends, only_objects=True, level=False)
     (ray,) = np.nonzero(hits.target >= 0)
     away = hits.range[ray]
     seen = (away >= lidar.min_range) & (away <= lidar.sight(hits.reflected[ray]))
-    return Met(ray[seen], hits.target[ray[seen]].astype(np.int64), away[seen])
+    return ObjectRays(ray[seen], hits.target[ray[seen]].astype(np.int64), away[seen])
 
 
 def sectors_of(directions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Sector of directions in the frame of a LiDAR, shape (n, 3) to (n,)."""
+    """Return the sectors of directions in the frame of a LiDAR, shape (n, 3) to (n,)."""
     turns = (np.arctan2(directions[:, 1], directions[:, 0]) + math.pi) / (2 * math.pi)
     return np.asarray(np.minimum((turns * SECTORS).astype(np.int64), SECTORS - 1))

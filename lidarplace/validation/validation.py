@@ -1,9 +1,10 @@
-"""Validate the simulator on a log: simulate, fit on some routes, judge on the others."""
+"""Validate the simulator on a log: simulate, fit on some routes, evaluate on the others."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,9 +19,9 @@ from lidarplace.recall.detection_curve import default_curves
 from lidarplace.rigs.correction import OTHER
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import RecordedRig, one_rig
-from lidarplace.validation.cloud_frames import FATES, Seen, real_clouds, seen_in
+from lidarplace.validation.cloud_frames import FATES, CellHits, compare_cloud, real_clouds
 from lidarplace.validation.comparison import BELOW_M, comparison, floor
-from lidarplace.validation.fit import FEWEST_TRACKS, Fit, Problem
+from lidarplace.validation.fit import FEWEST_TRACKS, LOSSLESS, Fit, FitData, Thinning
 from lidarplace.validation.shadow import returned, shadows
 from lidarplace.validation.simulation import SECTORS, Recording, Returns, simulate
 from lidarplace.validation.subsets import agreement, cells_by_subset, points_by_subset
@@ -33,11 +34,11 @@ WORST = 20  # objects in the table of the worst
 
 @dataclass(frozen=True)
 class Validation:
-    """What was found."""
+    """Results of a validation."""
 
     names: tuple[str, ...]  # of the LiDARs
     correction: CorrectionFile  # fitted to all routes, or the one that was given
-    given: bool  # whether the correction was given, not fitted here
+    correction_given: bool  # whether the correction was given, not fitted here
     routes: int  # of what was compared, as tracks and boxes: nearer than `BELOW_M`
     tracks: int
     boxes: int
@@ -69,94 +70,114 @@ def validate(
     """Compare the simulation of a log in a folder with what its own LiDARs returned.
 
     Real clouds, where `convert --clouds` kept some, are used. Without a correction one is fitted,
-    and judged on routes that it was not fitted to. No vehicle: a sedan. Objects `without`, by their
-    object_id or its beginning, such as wrong labels, neither hide nor count.
+    and evaluated on routes that it was not fitted to. No vehicle: a sedan. Objects `without`, by
+    their object_id or its beginning, such as wrong labels, neither hide nor count.
 
-    Raises InputError: an object to leave out is not there, there are no counts, all LiDARs have
-    fewer points than one of them, there is no rig, rigs of different scenes differ in their LiDARs,
-    or no object has real points."""
+    Raises InputError: an object to leave out is missing, there are no counts or no rig, all LiDARs
+    have fewer points than one, rigs of scenes differ, or no object has real points."""
     rig, log = _checked(_left_out(log, without, folder), folder)
     names, objects = rig.names, _objects(log)
-    _check_counts(log.boxes, folder)
-    frames = log.frames["frame"].tolist()
-    recording = Recording(log, rig.placement, 0, vehicle)
-    returns = own = simulate(recording, frames)
-    model = _geometry(rig, correction)
-    if model != rig.placement:
-        recording = replace(recording, placement=model)
-        own = simulate(recording, frames)
+    classes, frames = log.boxes["class"].to_numpy(str), log.frames["frame"].tolist()
+    as_shipped = Recording(log, rig.placement, 0, vehicle)
+    recording = replace(as_shipped, placement=_geometry(rig, correction))
+    shipped = simulate(as_shipped, frames)
+    returns = shipped if recording.placement == rig.placement else simulate(recording, frames)
     route_of = log.frames.set_index("frame")["route"]
     clouds = list(real_clouds(folder, len(names), MOST_CLOUDS))
-    share = {c.frame: returned(c.points, c.lidar, rig.placement, vehicle) for c in clouds}
-
-    def shadow(left_out: object = None) -> NDArray[np.float64]:
-        kept = [s for frame, s in share.items() if route_of[frame] != left_out]
-        return shadows(kept) if kept else np.ones((len(names), SECTORS))
-
-    classes = log.boxes["class"].to_numpy(str)
-    lossless = Fit({OTHER: 1.0}, None)
-    models: dict[object, tuple[Fit, NDArray[np.float64]]] = {}
-    rows = []
-    near = (objects["distance"] < BELOW_M) & objects["real"].notna()
-    for route in sorted(objects["route"].dropna().unique()):
-        if correction is not None:
-            models[route] = _given(correction), _masks(correction, names)
-            continue
-        mask, there = shadow(route), objects["route"] == route
-        try:
-            fitted = Problem.of(objects[~there], own, mask[own.lidar, own.sector]).fit()
-        except ValueError:  # the only route, or no points on the others
-            fitted = lossless
-        models[route], distance = (fitted, mask), fitted.distance or math.inf
-        boxes = int((near & there).sum())
-        rows.append({"route": route, "boxes": boxes, **fitted.factor, "distance": distance})
-    plain = np.ones(len(returns.box))
-    _simulated(objects, "shipped", returns, lossless.points(returns, classes, plain), names)
-    expected, route_of_box = np.zeros(len(own.box)), objects["route"].to_numpy()[own.box]
-    for left_out, (fitted, mask) in models.items():
-        which = route_of_box == left_out
-        expected[which] = fitted.points(own, classes, mask[own.lidar, own.sector])[which]
-    _simulated(objects, "corrected", own, expected, names)
-    if correction is None:
-        mask = shadow()
-        problem = Problem.of(objects, own, mask[own.lidar, own.sector])
-        with at(folder / "boxes.parquet"):
-            final, intervals = problem.fit(), problem.intervals()
-    else:
-        problem = Problem.of(objects, own, np.ones(len(own.box)))
-        final, intervals, mask = _given(correction), {}, _masks(correction, names)
-
-    seen: list[Seen] = []
-    curves = default_curves()
-    for cloud in clouds:
-        fitted, own_mask = models[route_of[cloud.frame]]
-        factor, loss = fitted.factors(classes), 1.0 / (fitted.distance or math.inf)
-        seen.append(seen_in(cloud, recording, own_mask, factor, loss, curves.cell))
-    counted, by_points = objects[near], points_by_subset(objects, names)
-    by_cells = cells_by_subset(seen, classes, near.to_numpy(), names, curves)
-    subsets = pd.concat([by_points, by_cells], ignore_index=True)
-    routes, dark = int(counted["route"].nunique()), mask if clouds or correction else None
-    facts = {"routes": routes, "tracks": problem.tracks, "boxes": len(counted)}
+    shares = {c.frame: returned(c.points, c.lidar, rig.placement, vehicle) for c in clouds}
+    counted = objects[near := (objects["distance"] < BELOW_M) & objects["real"].notna()]
+    tracks = counted.groupby(["scene", "object_id"]).ngroups
+    facts = {"routes": int(counted["route"].nunique()), "tracks": tracks, "boxes": len(counted)}
+    with at(folder / "boxes.parquet"):
+        fits = (
+            _fit(objects, counted, returns, shares, route_of, len(names))
+            if correction is None
+            else _given(correction, objects, names)
+        )
+    shadow = fits.final.mask if clouds or correction else None
+    _add_model(objects, "shipped", shipped, LOSSLESS.points(shipped, classes), names)
+    corrected = _corrected_points(objects["route"], returns, fits.by_route, classes)
+    _add_model(objects, "corrected", returns, corrected, names)
+    hits = [compare_cloud(c, recording, fits.by_route[route_of[c.frame]], classes) for c in clouds]
+    by_cells = cells_by_subset(hits, classes, near.to_numpy(), names, default_curves())
+    subsets = pd.concat([points_by_subset(objects, names), by_cells], ignore_index=True)
     return Validation(
         names=names,
-        correction=correction or _file(final, names, dark, facts),
-        given=correction is not None,
-        routes=routes,
-        tracks=problem.tracks,
-        boxes=len(counted),
+        correction=correction or _file(fits.final.fit, names, shadow, facts),
+        correction_given=correction is not None,
+        **facts,
         frames=len(frames),
         clouds=len(clouds),
         objects=objects,
         scores=comparison(objects, ("shipped", "corrected")),
         floor=floor(objects),
-        fits=pd.DataFrame(rows),
-        intervals=intervals,
+        fits=fits.table,
+        intervals=fits.intervals,
         subsets=subsets,
         agreement=agreement(subsets),
-        shadows=dark,
-        worst=_worst(counted, seen),
+        shadows=shadow,
+        worst=_worst(objects[near], hits),
         without=tuple(without),
     )
+
+
+class _Fits(NamedTuple):
+    """Corrections to evaluate a log with: for each route that of the others, and that of all."""
+
+    by_route: Mapping[object, Thinning]
+    final: Thinning
+    table: pd.DataFrame  # a row for each route left out
+    intervals: Mapping[str, tuple[float, float]]
+
+
+def _fit(
+    objects: pd.DataFrame,
+    counted: pd.DataFrame,
+    returns: Returns,
+    shares: Mapping[int, NDArray[np.float64]],
+    route_of: pd.Series,
+    lidars: int,
+) -> _Fits:
+    """Fit corrections; `shares` are `returned` of frames with a cloud."""
+
+    def mask_without(route: object) -> NDArray[np.float64]:
+        others = [share for frame, share in shares.items() if route_of[frame] != route]
+        return shadows(others) if others else np.ones((lidars, SECTORS))
+
+    by_route, rows = {}, []
+    for route in sorted(objects["route"].dropna().unique()):
+        mask, others = mask_without(route), objects[objects["route"] != route]
+        try:
+            fit = FitData.of(others, returns, returns.shares(mask)).fit()
+        except ValueError:  # the only route, or no points on the others
+            fit = LOSSLESS
+        by_route[route] = Thinning(fit, mask)
+        row = {"route": route, "boxes": int((counted["route"] == route).sum())}
+        rows.append({**row, **fit.factor, "distance": fit.distance or math.inf})
+    mask = mask_without(None)
+    data = FitData.of(objects, returns, returns.shares(mask))
+    return _Fits(by_route, Thinning(data.fit(), mask), pd.DataFrame(rows), data.intervals())
+
+
+def _given(file: CorrectionFile, objects: pd.DataFrame, names: Sequence[str]) -> _Fits:
+    fit = Fit({OTHER: 1.0} | dict(file.factor), file.distance)
+    thinning = Thinning(fit, _masks(file, names))
+    by_route = dict.fromkeys(objects["route"].dropna().unique(), thinning)
+    return _Fits(by_route, thinning, pd.DataFrame(), {})
+
+
+def _corrected_points(
+    routes: pd.Series,
+    returns: Returns,
+    by_route: Mapping[object, Thinning],
+    classes: NDArray[np.str_],
+) -> NDArray[np.float64]:
+    """Compute expected returns, each by the correction that its own route did not fit."""
+    points, route_of_box = np.zeros(len(returns.box)), routes.to_numpy()[returns.box]
+    for route, thinning in by_route.items():
+        of_route = route_of_box == route
+        points[of_route] = thinning.points(returns, classes)[of_route]
+    return points
 
 
 def _check_counts(boxes: pd.DataFrame, folder: Path) -> None:
@@ -164,28 +185,28 @@ def _check_counts(boxes: pd.DataFrame, folder: Path) -> None:
         total = boxes[[POINTS, column]].dropna().sum()
         if total[POINTS] < LEAST_SHARE * total[column]:
             problem, expected = f"fewer points than of LiDAR {name} alone", f"{total[column]:,.0f}"
-            place, found = folder / "boxes.parquet", f"{total[POINTS]:,.0f}"
-            raise InputError(problem, place=place, key=POINTS, expected=expected, found=found)
+            parts = {"place": str(folder / "boxes.parquet"), "found": f"{total[POINTS]:,.0f}"}
+            raise InputError(problem, key=POINTS, expected=expected, **parts)
 
 
 def _left_out(log: BoxLog, without: Sequence[str], folder: Path) -> BoxLog:
-    """The log without the boxes of some objects. Raises InputError if there is no such object."""
+    """Leave out the boxes of some objects; raise InputError if there is no such object."""
     ids = log.boxes["object_id"].astype(str)
     gone: set[str] = set()
     for name in without:
-        found = sorted({own for own in ids if name and own.startswith(name)})
-        if name not in found and len(found) != 1:
+        matches = sorted({object_id for object_id in ids if name and object_id.startswith(name)})
+        if name not in matches and len(matches) != 1:
             raise InputError(
                 f"no single object {name!r}", place=folder / "boxes.parquet", key="object_id",
                 expected="the object_id of one object, or its beginning",
-                found=", ".join(found[:2]) + (", …" if len(found) > 2 else "") or "none",
+                found=", ".join(matches[:2]) + (", …" if len(matches) > 2 else "") or "none",
             )  # fmt: skip
-        gone.add(name if name in found else found[0])
+        gone.add(name if name in matches else matches[0])
     return replace(log, boxes=log.boxes[~ids.isin(gone)])
 
 
 def _checked(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
-    """The rig of all scenes that were counted, and the log of these scenes, boxes from 0."""
+    """Return the rig of all scenes that were counted, and the log of these scenes, boxes from 0."""
     table, rigs = folder / "boxes.parquet", folder / "rig.json"
     if not len(log.boxes):
         raise InputError(place=table, expected="boxes with real points", found="no boxes")
@@ -203,59 +224,64 @@ def _checked(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
     with at(rigs):
         rig = one_rig({scene: log.rigs[scene] for scene in counted})
     if unknown := sorted(set(points_of(log.boxes)) - set(rig.names)):
-        known = f"real points of {', '.join(rig.names)}, the LiDARs of the rig"
-        raise InputError(place=table, key=POINTS, expected=known, found=unknown[0])
+        expected = f"real points of {', '.join(rig.names)}, the LiDARs of the rig"
+        raise InputError(place=table, key=POINTS, expected=expected, found=unknown[0])
     frames = log.frames[log.frames["scene"].isin(counted)]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])].reset_index(drop=True)
     if not (boxes[POINTS] > 0).any():
         raise InputError(place=table, key=POINTS, expected="real points", found="0 of every box")
+    _check_counts(boxes, folder)
     return rig, replace(log, boxes=boxes, frames=frames)
 
 
 def _objects(log: BoxLog) -> pd.DataFrame:
-    """Boxes with their distance, route and real points. In a log that has classes of `CLASSES`
-    others only hide what is behind them."""
+    """Tabulate boxes with their distance, route and real points.
+
+    In a log that has classes of `CLASSES` others only hide what is behind them."""
     boxes = log.boxes
-    own = boxes[["scene", "frame", "object_id", "class", "x", "y", "z"]].copy()
-    own["route"] = boxes["frame"].map(log.frames.set_index("frame")["route"])
-    own["world"] = boxes["scene"].isin(list(log.world))
-    own["distance"] = np.hypot(boxes["x"], boxes["y"])
-    own["real"] = boxes[POINTS].astype(np.float64)
+    objects = boxes[["scene", "frame", "object_id", "class", "x", "y", "z"]].copy()
+    objects["route"] = boxes["frame"].map(log.frames.set_index("frame")["route"])
+    objects["world"] = boxes["scene"].isin(list(log.world))
+    objects["distance"] = np.hypot(boxes["x"], boxes["y"])
+    objects["real"] = boxes[POINTS].astype(np.float64)
     for name, column in points_of(boxes).items():
-        own[f"real/{name}"] = boxes[column].astype(np.float64)
-    named = own["class"].isin(CLASSES)
+        objects[f"real/{name}"] = boxes[column].astype(np.float64)
+    named = objects["class"].isin(CLASSES)
     if named.any():
-        own.loc[~named, [str(name) for name in own if str(name).startswith("real")]] = np.nan
-    return own
+        real = [str(name) for name in objects if str(name).startswith("real")]
+        objects.loc[~named, real] = np.nan
+    return objects
 
 
-def _simulated(
+def _add_model(
     objects: pd.DataFrame,
     model: str,
     returns: Returns,
-    expected: NDArray[np.float64],
+    points: NDArray[np.float64],
     names: Sequence[str],
 ) -> None:
     """Add the columns of a model to `objects`."""
     size = len(objects)
     objects[f"rays/{model}"] = np.bincount(returns.box, returns.points, size)
-    objects[f"points/{model}"] = np.bincount(returns.box, expected, size)
+    objects[f"points/{model}"] = np.bincount(returns.box, points, size)
     for number, name in enumerate(names):
-        own = returns.lidar == number
-        objects[f"{model}/{name}"] = np.bincount(returns.box[own], expected[own], size)
+        of_lidar = returns.lidar == number
+        objects[f"{model}/{name}"] = np.bincount(returns.box[of_lidar], points[of_lidar], size)
         if f"real/{name}" not in objects:
             objects[f"real/{name}"] = np.nan if len(names) > 1 else objects["real"]
 
 
-def _worst(objects: pd.DataFrame, seen: Sequence[Seen]) -> pd.DataFrame:
-    """Objects whose points differ most after the correction, each in its worst frame, with what
-    became of their rays; where there are clouds those of their frames, whose reason is known."""
+def _worst(objects: pd.DataFrame, hits: Sequence[CellHits]) -> pd.DataFrame:
+    """List objects whose points differ most after the correction, each in its worst frame.
+
+    With what became of their rays; where there are clouds those of their frames, whose reason is
+    known."""
     table = objects[["scene", "frame", "object_id", "class", "distance", "real"]].copy()
     table["shipped"], table["corrected"] = objects["points/shipped"], objects["points/corrected"]
     for number, fate in enumerate(FATES):
-        known = [pd.Series(own.fates[:, number], own.rows, dtype=np.float64) for own in seen]
-        table[fate] = pd.concat(known) if known else np.nan
-    if seen:
+        counts = [pd.Series(hit.fates[:, number], hit.rows, dtype=np.float64) for hit in hits]
+        table[fate] = pd.concat(counts) if counts else np.nan
+    if hits:
         table = table[table[list(FATES)].notna().all(axis=1)]
     # A few points do not matter.
     off = pd.Series(np.log2((table["corrected"] + 2.0) / (table["real"] + 2.0)), table.index)
@@ -263,25 +289,21 @@ def _worst(objects: pd.DataFrame, seen: Sequence[Seen]) -> pd.DataFrame:
     reasons = table[list(FATES[1:])].fillna(0.0)
     reason = reasons.idxmax(axis=1).where(reasons.sum(axis=1) > 0, "")
     fewer = np.where(table["shipped"] > 0, "too few simulated", "hidden in the simulation alone")
-    table["reason"] = np.where(off > 0, reason, fewer) if seen else ""
+    table["reason"] = np.where(off > 0, reason, fewer) if hits else ""
     worst = table.loc[off.abs().sort_values(ascending=False).index]
     return worst.drop_duplicates(["scene", "object_id"])[:WORST]
 
 
-def _given(file: CorrectionFile) -> Fit:
-    return Fit({OTHER: 1.0} | dict(file.factor), file.distance)
-
-
 def _masks(file: CorrectionFile, names: Sequence[str]) -> NDArray[np.float64]:
-    """Masks of a file at the middles of sectors, (LiDARs, SECTORS); 1 for LiDARs without one."""
-    middle = (np.arange(SECTORS) + 0.5) / SECTORS * 2 * math.pi - math.pi
+    """Return masks of a file at the middles of sectors, (LiDARs, SECTORS); 1 without one."""
+    azimuth = (np.arange(SECTORS) + 0.5) / SECTORS * 2 * math.pi - math.pi
     masks = [file.lidars[n].mask if n in file.lidars else None for n in names]
     level = np.zeros(SECTORS)
-    return np.array([np.ones(SECTORS) if m is None else m.mask.at(middle, level) for m in masks])
+    return np.array([np.ones(SECTORS) if m is None else m.mask.at(azimuth, level) for m in masks])
 
 
 def _geometry(rig: RecordedRig, file: CorrectionFile | None) -> Placement:
-    """The rig with the rays of a correction, without what it thins."""
+    """Apply the rays of a correction to the rig, without what it thins."""
     if file is None:
         return rig.placement
     lidars = [
@@ -292,11 +314,10 @@ def _geometry(rig: RecordedRig, file: CorrectionFile | None) -> Placement:
 
 
 def _file(
-    fit: Fit, names: Sequence[str], dark: NDArray[np.float64] | None, facts: dict[str, int]
+    fit: Fit, names: Sequence[str], mask: NDArray[np.float64] | None, facts: dict[str, int]
 ) -> CorrectionFile:
-    """The correction that is written."""
     lidars: dict[str, object] = {name: {} for name in names}
-    for name, row in zip(names, () if dark is None else dark, strict=False):
+    for name, row in zip(names, () if mask is None else mask, strict=False):
         if (row < 1.0).any():
             shares = [round(float(share), 3) for share in row]
             lidars[name] = {"mask": {"azimuth_deg": 360.0 / SECTORS, "shares": shares}}
@@ -304,5 +325,5 @@ def _file(
     fitted = facts | {"below_m": BELOW_M} | few
     factor = {str(name): round(share, 4) for name, share in fit.factor.items()}
     further = [name for name in factor if name not in (*CLASSES, OTHER)]
-    known = {"factor": factor, "classes": further, "lidars": lidars, "fitted": fitted}
-    return CorrectionFile.model_validate(known | {"distance": fit.distance})
+    keys = {"factor": factor, "classes": further, "lidars": lidars, "fitted": fitted}
+    return CorrectionFile.model_validate(keys | {"distance": fit.distance})

@@ -9,13 +9,14 @@ _MARGIN = 0.3  # metres
 
 
 def xyz(points: NDArray[np.floating[Any]]) -> dict[str, NDArray[np.float32]]:
-    """Points, shape (n, 3), as the coordinates of a trace."""
+    """Return points, shape (n, 3), as the coordinates of a trace."""
     x, y, z = np.ascontiguousarray(points.T, dtype=np.float32)
     return {"x": x, "y": y, "z": z}
 
 
 def equal_axes(points: NDArray[np.floating[Any]], longest: float) -> dict[str, Any]:
-    """Plotly's layout of a scene whose axes have the same scale and hold all points.
+    """Lay out a scene whose axes have the same scale and hold all points, for plotly.
+
     Points have shape (n, 3), metres, NaN are left out; the longest axis is in plotly's units."""
     # What lies in the very faces of the axes' cube is drawn in tatters.
     low, high = np.nanmin(points, axis=0) - _MARGIN, np.nanmax(points, axis=0) + _MARGIN

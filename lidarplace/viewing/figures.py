@@ -16,13 +16,13 @@ from lidarplace.viewing.vehicle import add_lidars, vehicle_boxes
 
 @singledispatch
 def figure(thing: object) -> go.Figure:
-    """The figure of a thing, in the style of light pages."""
+    """Draw the figure of a thing, in the style of light pages."""
     raise TypeError(f"there is no figure of a {type(thing).__name__}")
 
 
 @figure.register
 def _placement(placement: Placement) -> go.Figure:
-    """LiDARs on the box of the vehicle, each with the direction of its x axis."""
+    """Draw LiDARs on the box of the vehicle, each with the direction of its x axis."""
     body, plot = vehicle_boxes(None), _new(placement.name)
     line = {"color": style.OUTLINE, "width": 3}
     plot.add_scatter3d(**xyz(edges(body)), mode="lines", line=line, name="vehicle")
@@ -34,7 +34,7 @@ def _placement(placement: Placement) -> go.Figure:
 
 @figure.register
 def _grid(grid: OccupancyGrid) -> go.Figure:
-    """The highest p of every column from above, the vehicle driving upwards."""
+    """Draw the highest p of every column from above, the vehicle driving upwards."""
     highest = grid.counts.max(axis=2) / grid.frames
     plot = _new(f"{grid.object_class}: highest p of every column")
     plot.add_heatmap(
@@ -47,7 +47,7 @@ def _grid(grid: OccupancyGrid) -> go.Figure:
 
 @figure.register
 def _surrogates(result: Surrogates) -> go.Figure:
-    """How much of the entropy of the POG is covered, and how much is not."""
+    """Draw the covered and the residual entropy of the POG."""
     plot = _new("Entropy of the POG")
     y = [result.placement.name]
     for name, value, shade in (

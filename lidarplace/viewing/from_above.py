@@ -17,41 +17,41 @@ from lidarplace.viewing.page import write_page
 from lidarplace.viewing.solids import corners, headings
 
 FRAMES = 6
-"""Drawn of a log: the first that hold a box."""
+"""Frames drawn of a log: the first that hold a box."""
 _RECTANGLE = [0, 1, 3, 2, 0]
 
 
 def write_from_above(path: Path, log: BoxLog, title: str) -> None:
-    """Write a page of the first frames of `log` that hold a box. Raises OSError."""
+    """Write a page of the first frames of `log` that hold a box; raise OSError."""
     numbers = log.frames["frame"][log.frames["frame"].isin(log.boxes["frame"])].iloc[:FRAMES]
     notes = [
         "x is forward, y left. Boxes have the colour of their class and a line to their front; the "
         "vehicle is grey. Hover over a point for its box."
     ]
-    for name, own in log.boxes.groupby("class")[list(SIZE)]:
-        sides = " × ".join(f"{side:.2f}" for side in own.median())
-        notes.append(f"{name}: {len(own):,} boxes, {sides} m in the median.")
+    for name, sizes in log.boxes.groupby("class")[list(SIZE)]:
+        sides = " × ".join(f"{side:.2f}" for side in sizes.median())
+        notes.append(f"{name}: {len(sizes):,} boxes, {sides} m in the median.")
     figures = [draw_from_above(log, int(number)) for number in numbers]
-    shown = log.boxes[log.boxes["frame"].isin(numbers)]
+    drawn = log.boxes[log.boxes["frame"].isin(numbers)]
     for figure in figures:  # all of the same part of the plane
-        figure.update_xaxes(range=_reach(shown["x"]))
-        figure.update_yaxes(range=_reach(shown["y"]))
+        figure.update_xaxes(range=_reach(drawn["x"]))
+        figure.update_yaxes(range=_reach(drawn["y"]))
     write_page(path, title, notes, figures, cameras={})
 
 
 def _reach(places: pd.Series) -> list[float]:
-    """From the first to the last of the places and the vehicle, and a car's length more."""
+    """Return the ends of the places and the vehicle, and a car's length more."""
     return [min(0.0, places.min()) - 5.0, max(0.0, places.max()) + 5.0]
 
 
 def draw_from_above(log: BoxLog, number: int) -> go.Figure:
-    """The boxes of frame `number`, x forward to the right, y left upwards, equal scales."""
+    """Draw the boxes of frame `number`, x forward to the right, y left upwards, equal scales."""
     row = log.frames[log.frames["frame"] == number].iloc[0]
     boxes = log.boxes[log.boxes["frame"] == number]
     figure = go.Figure(layout={"template": style.theme(False), "hovermode": "closest"})
     when = "" if np.isnan(row["timestamp_s"]) else f", t = {row['timestamp_s']:g} s"
-    shown = f"{row['scene']}, frame {number}{when}", f"{row['split']}, {len(boxes)} boxes"
-    figure.update_layout(title=style.title(*shown), margin={"l": 45, "r": 10, "t": 52, "b": 48})
+    title = f"{row['scene']}, frame {number}{when}", f"{row['split']}, {len(boxes)} boxes"
+    figure.update_layout(title=style.title(*title), margin={"l": 45, "r": 10, "t": 52, "b": 48})
     figure.update_xaxes(title="x, forward (m)")
     figure.update_yaxes(title="y, left (m)", scaleanchor="x", constrain="domain")
     _add(figure, between(Vehicle.car().boxes[:1]), "vehicle", style.OUTLINE, [])
@@ -75,9 +75,9 @@ def _add(
     if ids:
         marks: dict[str, Any] = {"mode": "markers", "marker": {"color": colour, "size": 3}}
         labels = [
-            f"{style.plain(who)}<br>x {x:.1f}, y {y:.1f}, z {z:.2f} m<br>"
+            f"{style.plain(object_id)}<br>x {x:.1f}, y {y:.1f}, z {z:.2f} m<br>"
             f"{length:.2f} × {width:.2f} × {height:.2f} m<br>yaw {np.degrees(yaw):.0f}°"
-            for who, (x, y, z, length, width, height, yaw) in zip(ids, boxes, strict=True)
+            for object_id, (x, y, z, length, width, height, yaw) in zip(ids, boxes, strict=True)
         ]
         marks |= {"hovertext": labels, "hoverinfo": "text", "name": name}
         figure.add_scatter(x=boxes[:, 0], y=boxes[:, 1], **marks)

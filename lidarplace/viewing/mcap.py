@@ -26,14 +26,16 @@ WORLD, EGO = "world", "ego"
 """Frames of coordinates; those of the LiDARs are `lidar_0` and so on."""
 
 STEP_S = 0.1
-"""Between frames whose times are not known."""
+"""Time between frames whose times are not known."""
 PAUSE_S = 1.0
-"""From the last frame of a drive to the first of the next one: all drives begin at 0."""
+"""Time from the last frame of a drive to the first of the next one: all begin at 0."""
 
 
 def clock(frames: pd.DataFrame) -> NDArray[np.int64]:
-    """When each frame is played, (rows,), nanoseconds: one drive after the other, from 0 on.
-    A drive is a route of a scene. Where a time of it is missing, its frames follow by `STEP_S`."""
+    """Return the time at which each frame is played, (rows,), nanoseconds.
+
+    One drive is played after the other, from 0 on. A drive is a route of a scene. Where a time of
+    it is missing, its frames follow by `STEP_S`."""
     seconds = np.zeros(len(frames))
     start = 0.0
     of_drive = frames.reset_index(drop=True).groupby(["scene", "route"], sort=False)
@@ -76,15 +78,16 @@ def write_mcap(
                 points, owner = clouds[index], clouds.lidar(index)
                 for lidar, channel in enumerate(clouds_of):
                     channel.log(_cloud(points[owner == lidar], stamp), log_time=ns)
-                known = by_frame.get(number, boxes.iloc[:0])
-                seen = [_entity(box, stamp) for box in known.to_dict("records")]
-                objects.log(messages.SceneUpdate(deletions=[clear], entities=seen), log_time=ns)
-                told = {"frame": number, "scene": row.scene, "split": row.split}
-                about.log(json.dumps(told).encode(), log_time=ns)
+                of_frame = by_frame.get(number, boxes.iloc[:0]).to_dict("records")
+                entities = [_entity(box, stamp) for box in of_frame]
+                update = messages.SceneUpdate(deletions=[clear], entities=entities)
+                objects.log(update, log_time=ns)
+                facts = {"frame": number, "scene": row.scene, "split": row.split}
+                about.log(json.dumps(facts).encode(), log_time=ns)
 
 
 def _transforms(placement: Placement, row: Any, stamp: Any) -> list[FrameTransform]:
-    """Where the LiDARs are on the vehicle, and where it is in the world, if that is known."""
+    """Return the mounts of the LiDARs, and the pose of the vehicle in the world where known."""
     poses = [
         (EGO, f"lidar_{number}", mount.position, Rotation.from_matrix(mount.rotation))
         for number, mount in enumerate(placement.mounts)
@@ -105,7 +108,7 @@ def _transforms(placement: Placement, row: Any, stamp: Any) -> list[FrameTransfo
 
 
 def _cloud(points: NDArray[np.float32], stamp: Any) -> PointCloud:
-    """Points x, y, z, intensity, (n, 4)."""
+    """Write points x, y, z, intensity, (n, 4)."""
     kind = messages.PackedElementFieldNumericType.Float32
     return PointCloud(
         timestamp=stamp,
@@ -121,7 +124,7 @@ def _cloud(points: NDArray[np.float32], stamp: Any) -> PointCloud:
 
 
 def _entity(box: Mapping[Hashable, Any], stamp: Any) -> SceneEntity:
-    """A box in the colour of its class."""
+    """Write a box in the colour of its class."""
     red, green, blue = (int(CLASSES[box["class"]][i : i + 2], 16) / 255 for i in (1, 3, 5))
     at = [box[name] for name in "xyz"]
     cube = messages.CubePrimitive(

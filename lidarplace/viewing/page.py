@@ -42,5 +42,5 @@ def write_page(
 
 
 def as_json(figure: go.Figure) -> str:
-    """A figure as JSON that no text in it can end the script element around it."""
+    """Write a figure as JSON that no text in it can end the script element around it."""
     return str(figure.to_json()).replace("<", "\\u003c")

@@ -43,22 +43,22 @@ def draw_frame(
     misaligned_heights: bool = False,
     vehicle: Vehicle | None = None,
 ) -> go.Figure:
-    """Frame `number` of `log` as `placement` sees it, in 3D.
+    """Draw frame `number` of `log` as `placement` sees it, in 3D.
 
     Points have the colour of their LiDAR, boxes that of their class, with a line on the roof
     towards the front. ROI, vehicle and buildings are grey. Of a cloud of more than `points` so many
     are drawn, chosen at random. Other arguments and errors as of `read_cloud` and `read_frame`."""
     frame = read_frame(log, number, crop)
-    how = misaligned_heights, vehicle
-    drawn, lidar, returned, on_objects = read_cloud(frame, placement, crop, points, *how)
+    cloud = read_cloud(frame, placement, crop, points, misaligned_heights, vehicle)
+    drawn, lidar, returned, on_objects = cloud
     body = vehicle_surface(vehicle)
     mounts = [mount.position for mount in placement.mounts]
     seen = np.concatenate([np.reshape(crop, (2, 3)), body[0], mounts])
     axes = equal_axes(seen, longest=2.0) | {"camera": CAMERAS["from behind"]}
-    told = f"{returned:,} points" + (f", {len(drawn):,} drawn" if len(drawn) < returned else "")
+    count = f"{returned:,} points" + (f", {len(drawn):,} drawn" if len(drawn) < returned else "")
     figure = go.Figure(layout={"template": style.theme(False), "scene": axes})
     figure.update_layout(
-        title=style.title(placement.name, f"{told}, {on_objects.sum():,} on objects"),
+        title=style.title(placement.name, f"{count}, {on_objects.sum():,} on objects"),
         height=400,
         margin={"l": 10, "r": 10, "t": 48, "b": 0},
         legend={"itemsizing": "constant"},
@@ -67,8 +67,8 @@ def draw_frame(
     for i in range(len(placement.mounts)):
         shade, name = style.COLOURS[i % len(style.COLOURS)], f"LiDAR {i}"
         marker = {"size": 1.2, "color": shade, "line": {"width": 0}}
-        own: dict[str, Any] = {"hoverinfo": "skip", "name": name, "legendgroup": name}
-        figure.add_scatter3d(**xyz(drawn[lidar == i]), mode="markers", marker=marker, **own)
+        trace: dict[str, Any] = {"hoverinfo": "skip", "name": name, "legendgroup": name}
+        figure.add_scatter3d(**xyz(drawn[lidar == i]), mode="markers", marker=marker, **trace)
     add_lidars(figure, placement)
     _add_objects(figure, frame, on_objects, style.class_colours(log.boxes["class"].unique()))
     _add_surroundings(figure, frame, crop, body)
@@ -78,28 +78,28 @@ def draw_frame(
 def _add_objects(
     figure: go.Figure, frame: Frame, on_objects: NDArray[np.int64], colours: Mapping[str, str]
 ) -> None:
-    """A trace of lines for each class, and one of marks at the fronts with a label."""
+    """Add a trace of lines for each class, and one of marks at the fronts with a label."""
     present = frame.objects["class"]
     for name, shade in colours.items():
-        own = frame.objects[present == name]
+        objects = frame.objects[present == name]
         points = on_objects[present == name]
-        boxes = own[list(GEOMETRY)].to_numpy(np.float64)
+        boxes = objects[list(GEOMETRY)].to_numpy(np.float64)
         if boxes.size == 0:
             continue
         front = headings(boxes)
         lines = xyz(np.concatenate([edges(boxes), front.reshape(-1, 3)]))
-        known: dict[str, Any] = {"name": style.plain(name), "legendgroup": name}
+        trace: dict[str, Any] = {"name": style.plain(name), "legendgroup": name}
         line, marker = {"color": shade, "width": 4}, {"size": 3, "color": shade}
-        figure.add_scatter3d(**lines, mode="lines", line=line, hoverinfo="skip", **known)
-        known |= {"mode": "markers", "marker": marker, "hoverinfo": "text", "showlegend": False}
+        figure.add_scatter3d(**lines, mode="lines", line=line, hoverinfo="skip", **trace)
+        trace |= {"mode": "markers", "marker": marker, "hoverinfo": "text", "showlegend": False}
         labels = [
-            f"{style.plain(who)}<br>x {x:.1f}, y {y:.1f} m<br>"
+            f"{style.plain(object_id)}<br>x {x:.1f}, y {y:.1f} m<br>"
             f"{length:.1f} × {width:.1f} × {height:.1f} m<br>{count:,} points"
-            for who, (x, y, _, length, width, height, _), count in zip(
-                own["object_id"], boxes, points, strict=True
+            for object_id, (x, y, _, length, width, height, _), count in zip(
+                objects["object_id"], boxes, points, strict=True
             )
         ]
-        figure.add_scatter3d(**xyz(front[:, 1]), hovertext=labels, **known)
+        figure.add_scatter3d(**xyz(front[:, 1]), hovertext=labels, **trace)
 
 
 def _add_surroundings(figure: go.Figure, frame: Frame, crop: Crop, body: Surface) -> None:

@@ -16,7 +16,8 @@ _TRIANGLES = np.array(
 
 
 def corners(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Corners of boxes (m, 7), rows of `lidarplace.logs.boxes.GEOMETRY`; shape (m, 8, 3), metres.
+    """Return the corners of boxes (m, 7), rows of `GEOMETRY`; shape (m, 8, 3), metres.
+
     Corner n lies in front if bit 0 of n is set, to the left for bit 1, at the top for bit 2."""
     local = _SIGNS * boxes[:, None, 3:6]
     c, s = np.cos(boxes[:, 6, None]), np.sin(boxes[:, 6, None])
@@ -29,14 +30,15 @@ def corners(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def edges(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """The edges of boxes (m, 7) as one line, broken by NaN; shape (n, 3), metres."""
+    """Return the edges of boxes (m, 7) as one line, broken by NaN; shape (n, 3), metres."""
     points = np.full((len(boxes), 9, 3), np.nan)  # the ninth is picked by -1
     points[:, :8] = corners(boxes)
     return points[:, _EDGES].reshape(-1, 3).astype(np.float32)
 
 
 def headings(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """A line on the roof of each of boxes (m, 7), from its middle to its front edge, then NaN.
+    """Draw a line on the roof of each of boxes (m, 7), from its middle to its front edge, then NaN.
+
     Shape (m, 3, 3), metres."""
     roof = corners(boxes)[:, 4:]
     front = roof[:, [1, 3]].mean(axis=1)
@@ -44,7 +46,7 @@ def headings(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def triangles(boxes: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """The faces of boxes (m, 7): vertices (8 m, 3) in metres, and triangles of them (12 m, 3)."""
+    """Return the faces of boxes (m, 7): vertices (8 m, 3) in metres, and triangles (12 m, 3)."""
     first = 8 * np.arange(len(boxes))[:, None, None]
     faces = (first + _TRIANGLES).reshape(-1, 3).astype(np.int32)
     return corners(boxes).reshape(-1, 3).astype(np.float32), faces

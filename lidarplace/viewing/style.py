@@ -17,24 +17,24 @@ OUTLINE = "#888888"
 
 
 def class_colours(names: Iterable[str]) -> dict[str, str]:
-    """A colour for each class: those of `CLASSES`, and by name in turn for others."""
+    """Choose a colour for each class: those of `CLASSES`, and by name in turn for others."""
     others = sorted(set(names) - set(CLASSES))
     return CLASSES | dict(zip(others, cycle(_FURTHER)))
 
 
-def title(text: str, below: str) -> dict[str, Any]:
-    """Plotly's layout of a title to the left, and of a line below it."""
-    subtitle = {"text": below, "font": {"size": 11}}
-    return {"text": plain(text), "subtitle": subtitle, "x": 0, "xref": "paper"}
+def title(text: str, subtitle: str) -> dict[str, Any]:
+    """Lay out a title to the left, and a line below it, for plotly."""
+    lower = {"text": subtitle, "font": {"size": 11}}
+    return {"text": plain(text), "subtitle": lower, "x": 0, "xref": "paper"}
 
 
 def plain(text: object) -> str:
-    """A text in which plotly finds no HTML."""
+    """Escape a text so that plotly finds no HTML."""
     return html.escape(str(text), quote=False)
 
 
 def theme(dark: bool) -> dict[str, Any]:
-    """The plotly template of a light or a dark page; backgrounds are transparent."""
+    """Return the plotly template of a light or a dark page; backgrounds are transparent."""
     ink, grid = ("#e3e6ea", "#3a4048") if dark else ("#1d2126", "#dfe3e8")
     clear = "rgba(0,0,0,0)"
     axis: dict[str, Any] = dict.fromkeys(("gridcolor", "linecolor", "zerolinecolor"), grid)

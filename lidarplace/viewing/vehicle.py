@@ -15,12 +15,12 @@ Surface = tuple[NDArray[np.floating], NDArray[np.integer]]
 
 
 def vehicle_boxes(vehicle: Vehicle | None) -> NDArray[np.float64]:
-    """Its boxes, rows of `lidarplace.logs.boxes.GEOMETRY`, (m, 7), metres; of a sedan for None."""
+    """Return the boxes of a vehicle, rows of `GEOMETRY`, (m, 7), metres; of a sedan for None."""
     return np.array([OWN_BODY]) if vehicle is None else between(vehicle.boxes)
 
 
 def vehicle_surface(vehicle: Vehicle | None) -> Surface:
-    """Its boxes and its mesh; nothing of a vehicle without a body."""
+    """Return the boxes and the mesh of a vehicle as triangles; none without a body."""
     vertices, faces = triangles(vehicle_boxes(vehicle))
     if vehicle is None or vehicle.mesh is None:
         return vertices, faces

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from judged import SHORT, Judged, head_of, label, number, table
 from predicting import PREDICTORS, equal_budget, every_predictor
+from rig_results import SHORT, RigResults, head_of, label, number, table
 from scipy import stats
 
 TARGETS = ("car", "recall")
@@ -13,12 +13,17 @@ FORETOLD = ("generalist", "expected_recall", "log_cells", "covered_entropy", "ex
 """Predictors by which values are foretold."""
 
 
-def aside_table(seen: Judged, aside: Judged) -> str:
+def aside_table(seen: RigResults, aside: RigResults) -> str:
     """Spearman's rho of each predictor over rigs that were looked at, and over those set aside.
 
     Of each target over all rigs, and over those of the same LiDARs.
     """
-    groups = [seen, aside, Judged(equal_budget(seen.rigs)), Judged(equal_budget(aside.rigs))]
+    groups = [
+        seen,
+        aside,
+        RigResults(equal_budget(seen.rigs)),
+        RigResults(equal_budget(aside.rigs)),
+    ]
     rows = [
         [label(name), *(number(_rho(group, name, t)) for t in TARGETS for group in groups)]
         for name in PREDICTORS
@@ -29,7 +34,7 @@ def aside_table(seen: Judged, aside: Judged) -> str:
     return table(["", *(f"{head}, {size}" for head in heads for size in sizes)], rows)
 
 
-def errors_table(seen: Judged, aside: Judged) -> str:
+def errors_table(seen: RigResults, aside: RigResults) -> str:
     """What rigs set aside would reach, by a straight line through those looked at: errors.
 
     Mean absolute, in points; the first row takes the mean of those looked at for all.
@@ -51,7 +56,7 @@ def _error(x: pd.Series, y: pd.Series, new: pd.Series) -> float:
     return float((new - said).abs().mean())
 
 
-def _rho(group: Judged, name: str, target: str) -> float:
+def _rho(group: RigResults, name: str, target: str) -> float:
     wide, y = every_predictor(SHORT[target]), group.means(target)
     if name not in wide.columns:
         return float("nan")

@@ -44,7 +44,7 @@ def main() -> None:
 def tables() -> dict[str, pd.DataFrame]:
     """What detectors of their own reached, as `sweeps.benchmark.rigs.read` has it."""
     own = own_detectors([*own_detectors()["placement"].unique(), *set_aside()])
-    left_out = read("main_left_out").query("judge == 'specialist'")
+    left_out = read("main_left_out").query("evaluator == 'specialist'")
     found = {"reached": own[[*KEPT, "value"]]}
     found["left_out"] = left_out[[*KEPT, "unit", "left_out", "ground_truths", "value"]]
     return {name: table.reset_index(drop=True) for name, table in found.items()}
@@ -52,7 +52,7 @@ def tables() -> dict[str, pd.DataFrame]:
 
 def generalists() -> pd.DataFrame:
     """The three generalists of the study: the mean of each metric."""
-    judged = read("main_results").query("judge == 'generalist'")
+    judged = read("main_results").query("evaluator == 'generalist'")
     means = {
         metric: of(judged, target).groupby("placement", sort=False)["value"].mean()
         for metric, target in rigs.METRICS.items()

@@ -1,6 +1,6 @@
 """Writes `controlled.yaml`: rigs that differ from one another in one thing alone.
 
-Judged by generalists, with exact mounts and with angles that are off. Run as
+Evaluated by generalists, with exact mounts and with angles that are off. Run as
 `python studies/findings/controlled.py`.
 """
 
@@ -25,7 +25,7 @@ def main() -> None:
     rigs = {name: {"mounts": mounts} for name, mounts in _rigs(settings["lidar"]).items()}
     settings |= {
         "detector": "pointpillars_tiny",
-        "judge": "generalist",
+        "evaluator": "generalist",
         "training": {"epochs": 6, "rotation": 0.1},
         "generalist": {"rigs": 32, "rigs_per_frame": 8, "epochs": 4},
         "placements": rigs,

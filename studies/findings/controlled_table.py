@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
-from judged import SHORT, head_of, led, number, table
 from predicting import by_generalist, read
+from rig_results import SHORT, head_of, led, number, table
 
 from tracking.findings.best_placement import BestPlacement
 

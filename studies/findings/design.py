@@ -93,7 +93,7 @@ def _study(names: list[str], rigs: dict[str, Any]) -> dict[str, Any]:
         "training": {"epochs": 6, "rotation": 0.1},
         "generalist": {"rigs": 32, "rigs_per_frame": 8, "epochs": 4},
         "placements": rigs,
-        "grid": {"placement": names, "judge": ["generalist", "specialist"], "seed": [1, 2, 3]},
+        "grid": {"placement": names, "evaluator": ["generalist", "specialist"], "seed": [1, 2, 3]},
     }
 
 

@@ -128,10 +128,10 @@ _SURROGATES = ["placement", "class", "surrogate", "value"]
 
 
 def _judged(run: RunFolder, table: pd.DataFrame | None) -> pd.DataFrame:
-    """With the judge as a column, which it is not where all rows have the same."""
+    """With the evaluator as a column, which it is not where all rows have the same."""
     if table is None:
         raise ValueError(f"{run.path} has no left_out.parquet")
-    return table if "judge" in table else table.assign(judge=run.sweep.judge)
+    return table if "evaluator" in table else table.assign(evaluator=run.sweep.evaluator)
 
 
 def _wanted(table: pd.DataFrame, targets: Sequence[tuple[str, str, float]]) -> pd.DataFrame:

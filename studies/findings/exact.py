@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import cache
 
 import pandas as pd
-from judged import SHORT, head_of, label, number, table
 from predicting import GENERALIST, PREDICTORS, every_predictor, of, read
 from properties import properties
+from rig_results import SHORT, head_of, label, number, table
 from scipy import stats
 
 from lidarplace import PAPER_PLACEMENTS
@@ -67,7 +67,7 @@ def gain(target: str, rig: str | None = None) -> str:
 @cache
 def both(target: str) -> pd.DataFrame:
     """Means over generalists of exact and of real mounts, by rig."""
-    real = read("main_results").query("judge == 'generalist'")
+    real = read("main_results").query("evaluator == 'generalist'")
     tables = {"exact": read("exact_results"), "real": real}
     return pd.DataFrame(
         {

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from judged import SHORT, Judged, head_of, label
 from matplotlib.axes import Axes
 from predicting import PREDICTORS, named
+from rig_results import SHORT, RigResults, head_of, label
 
 SHOWN = ("car07", "car", "recall")
 _INK, _ACCENT, _BAND = "#1f2933", "#0b6e99", "#dfe7ec"
 
 
-def write_figure(judged: Judged, path: Path) -> None:
+def write_figure(judged: RigResults, path: Path) -> None:
     """A panel a target; a dot is Spearman's rho, its bar 95 %, the line the ceiling."""
     order = [name for name in PREDICTORS if name != "ig"]  # covered entropy with the other sign
     figure, panels = plt.subplots(1, len(SHOWN), figsize=(11, 4.6), sharey=True, dpi=110)
@@ -28,7 +28,7 @@ def write_figure(judged: Judged, path: Path) -> None:
     plt.close(figure)
 
 
-def _panel(panel: Axes, judged: Judged, target: str, order: list[str]) -> None:
+def _panel(panel: Axes, judged: RigResults, target: str, order: list[str]) -> None:
     ceiling = judged.ceilings.loc[named(SHORT[target]), "ceiling"]
     panel.axvline(0, color=_BAND, linewidth=1)
     panel.axvline(float(ceiling), color=_INK, linestyle="--", linewidth=1)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from judged import SHORT, Judged, head_of, number, table
 from numpy.typing import NDArray
 from predicting import read
+from rig_results import SHORT, RigResults, head_of, number, table
 from scipy import stats
 
 from tracking.statistics.straight_line import left_out_means, rmse
@@ -18,7 +18,7 @@ CUSTOMARY = 0.1
 """q of a sweep that is told nothing else."""
 
 
-def fitted_table(rigs: Judged) -> str:
+def fitted_table(rigs: RigResults) -> str:
     """q fitted to all rigs; rho and error of predictions for rigs left out, and without a fit."""
     rows = []
     for target in TARGETS:

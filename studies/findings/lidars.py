@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from judged import Judged, beside_table, led
+from rig_results import RigResults, beside_table, led
 
 TARGETS = ("car", "recall")
 ARRANGED = {
@@ -25,11 +25,11 @@ def lidars_table(reference: str) -> str:
 
     For all pairs of these rigs at once.
     """
-    best = {target: Judged(list(ARRANGED)).best(target) for target in TARGETS}
+    best = {target: RigResults(list(ARRANGED)).best(target) for target in TARGETS}
     rigs = {name: [f"`{name}`: {words}"] for name, words in ARRANGED.items()}
     return beside_table([""], rigs, best, reference, f"*{reference}*")
 
 
 def lead(one: str, other: str, target: str) -> str:
     """Own detectors of one of ARRANGED less those of another, 95 % as in the table."""
-    return led(Judged(list(ARRANGED)).best(target).differences(other).loc[one])
+    return led(RigResults(list(ARRANGED)).best(target).differences(other).loc[one])

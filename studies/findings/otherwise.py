@@ -7,7 +7,6 @@ from itertools import combinations
 
 import pandas as pd
 from distil import OTHER_SCENES
-from judged import SHORT, head_of, label, number, table
 from predicting import (
     GENERALIST,
     PREDICTORS,
@@ -18,11 +17,12 @@ from predicting import (
     own_surrogates,
     read,
 )
+from rig_results import SHORT, head_of, label, number, table
 from scipy import stats
 
 TARGETS = ("car", "recall")
 COLLAPSED = "optimum_m_sog"
-"""The rig that every judge puts last: with it all agree."""
+"""The rig that every evaluator puts last: with it all agree."""
 WAYS = {
     GENERALIST: "generalists, three seeds",
     "finetuned": "fine-tuned from a generalist, two seeds",
@@ -145,7 +145,7 @@ def _shared(way: str, target: str) -> pd.DataFrame:
 def _seeds(way: str, target: str) -> pd.DataFrame:
     """What a way gives, a row a rig and a column a seed."""
     main = read("main_results")
-    rows = main[main["judge"] == GENERALIST] if way == GENERALIST else read(f"{way}_results")
+    rows = main[main["evaluator"] == GENERALIST] if way == GENERALIST else read(f"{way}_results")
     return of(rows, SHORT[target]).pivot(index="placement", columns="seed", values="value")
 
 

@@ -30,9 +30,9 @@ from combining import shares
 from figures import write_figure
 from fitted import fitted_table
 from jinja2 import Environment, StrictUndefined
-from judged import SHORT, Judged, beside_table, head_of, label, number, table
 from predicting import equal_budget, every_predictor, own_detectors, read, set_aside
 from properties import properties
+from rig_results import SHORT, RigResults, beside_table, head_of, label, number, table
 
 DOCS = FOLDER.parents[1] / "docs"
 OPTIMA = (
@@ -98,18 +98,18 @@ def _wrapped(block: str) -> str:
 
 def _facts() -> dict[str, Any]:
     """What the words may use, by name."""
-    every, aside = Judged(_trained()), Judged(set_aside())
+    every, aside = RigResults(_trained()), RigResults(set_aside())
     typical = [name for name in _four().rigs if name != "optimum_m_sog"]
     return {
         "every": every,
         "four": _four(),
-        "typical": Judged(typical),
+        "typical": RigResults(typical),
         "aside": aside,
-        "aside_four": Judged(equal_budget(set_aside())),
-        "whole": Judged(equal_budget([*every.rigs, *aside.rigs])),
+        "aside_four": RigResults(equal_budget(set_aside())),
+        "whole": RigResults(equal_budget([*every.rigs, *aside.rigs])),
         "aside_table": aside_table(every, aside),
         "errors_table": errors_table(every, aside),
-        "fitted_table": fitted_table(Judged(typical)),
+        "fitted_table": fitted_table(RigResults(typical)),
         "controlled": controlled_table,
         "exact": exact,
         "otherwise": otherwise,
@@ -140,9 +140,9 @@ def _trained() -> list[str]:
 
 
 @cache
-def _four() -> Judged:
+def _four() -> RigResults:
     """The rigs of the same LiDARs."""
-    return Judged(equal_budget(_trained()))
+    return RigResults(equal_budget(_trained()))
 
 
 def _counts() -> dict[str, int]:
@@ -157,7 +157,7 @@ def _counts() -> dict[str, int]:
         "routes": individuals["route"].nunique(),
         "trainings": len(own[["placement", "seed"]].drop_duplicates()),
         "seeds": own["seed"].nunique(),
-        "generalists": results.loc[results["judge"] == "generalist", "seed"].nunique(),
+        "generalists": results.loc[results["evaluator"] == "generalist", "seed"].nunique(),
     }
 
 
@@ -185,13 +185,13 @@ def _proof_table(*tests: str | None) -> str:
 def _optima_table() -> str:
     """The rig that each objective's search found: what its own detectors reach."""
     targets = ("car07", "car", "recall")
-    found = Judged([*(f"optimum_{one}" for one in OPTIMA), REFERENCE])
+    found = RigResults([*(f"optimum_{one}" for one in OPTIMA), REFERENCE])
     best = {target: found.best(target) for target in targets}
     rigs = {name: [label(name.removeprefix("optimum_"))] for name in found.rigs}
     return beside_table(["best rig by"], rigs, best, REFERENCE, f"*{REFERENCE}*")
 
 
-def _combination_table(four: Judged) -> str:
+def _combination_table(four: RigResults) -> str:
     targets = ("car07", "car", "recall")
     rows = []
     for terms in (1, 2, 3):
@@ -204,7 +204,7 @@ def _combination_table(four: Judged) -> str:
     return table(["terms", *(part for head in heads for part in (f"{head}: ρ", "terms"))], rows)
 
 
-def _shares_table(four: Judged) -> str:
+def _shares_table(four: RigResults) -> str:
     """What part of the ranks height, coverage, points, cells and coinciding rings explain."""
     own = properties()
     rows: dict[str, list[str]] = {}

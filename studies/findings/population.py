@@ -7,9 +7,9 @@ from functools import cache, partial
 
 import numpy as np
 import pandas as pd
-from judged import SHORT, Judged, head_of, label, number, table
 from numpy.typing import NDArray
 from predicting import equal_budget, of, own_detectors, predictors, read, set_aside
+from rig_results import SHORT, RigResults, head_of, label, number, table
 from scipy import stats
 
 from lidarplace import PAPER_PLACEMENTS
@@ -197,10 +197,10 @@ def _both(predictor: str, target: str, kind: str) -> tuple[pd.Series, pd.DataFra
 def _reached(target: str, kind: str) -> pd.DataFrame:
     rigs = populations()[kind]
     if kind == NEW:
-        rows = read("random_results").query("judge == 'specialist'")
+        rows = read("random_results").query("evaluator == 'specialist'")
         rows = of(rows[rows["placement"].isin(rigs)], SHORT[target])
     else:
-        rows = of(Judged(rigs).results, SHORT[target])
+        rows = of(RigResults(rigs).results, SHORT[target])
     return rows.pivot(index="placement", columns="seed", values="value").dropna(axis=1)
 
 
@@ -211,7 +211,7 @@ def _predicted(predictor: str, target: str, kind: str) -> pd.Series:
             return pd.Series(dtype=np.float64)  # those of the space were not asked
         shipped = "random_results" if new else "shipped_results"
         rows = read("main_results" if predictor == "generalist" else shipped)
-        rows = rows[rows["judge"] == predictor]
+        rows = rows[rows["evaluator"] == predictor]
         return of(rows, SHORT[target]).groupby("placement")["value"].mean()
     object_class = SHORT[target][0]
     if predictor == DRAWN:

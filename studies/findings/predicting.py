@@ -12,6 +12,7 @@ from candidates import FOLDER
 from distil import TABLES, TARGETS
 from properties import properties
 
+from lidarplace.configuration.renamed_keys import current_key
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.ceiling import ceilings
 from tracking.findings.correlation import correlate
@@ -45,7 +46,7 @@ _ONE_SETTING = {"detector": "pointpillars_tiny", "difficulty": "all"}
 @cache
 def read(name: str) -> pd.DataFrame:
     """A table of `distil.py`."""
-    return pd.read_parquet(TABLES / f"{name}.parquet")
+    return pd.read_parquet(TABLES / f"{name}.parquet").rename(columns=current_key)
 
 
 def set_aside() -> list[str]:
@@ -59,7 +60,7 @@ def own_detectors(rigs: Sequence[str] | None = None) -> pd.DataFrame:
     A rig of `later.yaml` is there only where it is named.
     """
     rows = _with_later("results") if rigs else read("main_results")
-    rows = rows[rows["judge"] == "specialist"]
+    rows = rows[rows["evaluator"] == "specialist"]
     kept = rows["placement"].isin(rigs) if rigs else ~rows["placement"].isin(set_aside())
     return rows[kept]
 
@@ -92,7 +93,7 @@ def predictors() -> pd.DataFrame:
         height.assign(**{"class": name, "surrogate": "mean height"})
         for name in (*own["class"].unique(), "all")
     ]
-    judged = read("main_results").query("judge == 'generalist'")
+    judged = read("main_results").query("evaluator == 'generalist'")
     means = [
         of(judged, target)
         .groupby("placement", as_index=False)["value"]
@@ -201,13 +202,13 @@ def _with_later(kind: str) -> pd.DataFrame:
 
 def _left_out(results: pd.DataFrame) -> pd.DataFrame:
     rows = _with_later("left_out")
-    same = rows["judge"].isin(results["judge"].unique())
+    same = rows["evaluator"].isin(results["evaluator"].unique())
     return rows[same & rows["placement"].isin(results["placement"].unique())]
 
 
 def _with_target(rows: pd.DataFrame) -> pd.DataFrame:
     columns: dict[str, Any] = {"target": _targets(rows), **_ONE_SETTING}
-    return rows.drop(columns="judge").assign(**columns)
+    return rows.drop(columns="evaluator").assign(**columns)
 
 
 def _targets(rows: pd.DataFrame) -> list[str]:

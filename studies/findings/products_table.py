@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cache
 
 from candidates import FOLDER
-from judged import SHORT, beside_table, led, number
 from predicting import by_own, own_surrogates
+from rig_results import SHORT, beside_table, led, number
 from scipy import stats
 
 from lidarplace.rigs.catalogue.datasheet import catalogue

@@ -32,10 +32,10 @@ def main() -> None:
         "placements": rigs,
         "grid": {
             "placement": ["center", *rigs],
-            "judge": ["pretrained", "specialist"],
+            "evaluator": ["pretrained", "specialist"],
             "seed": [1, 2],
         },
-        "exclude": [{"judge": "pretrained", "seed": 2}],
+        "exclude": [{"evaluator": "pretrained", "seed": 2}],
     }
     write(settings, FOLDER / "random.yaml", "python studies/findings/random_rigs.py")
 

@@ -18,7 +18,7 @@ def main() -> None:
     settings = yaml.safe_load((FOLDER / "base.yaml").read_text(encoding="utf-8"))
     settings |= {
         "detector": "pointpillars_tiny",
-        "judge": "generalist",
+        "evaluator": "generalist",
         "training": {"epochs": 6, "rotation": 0.1},
         "generalist": {"rigs": 32, "rigs_per_frame": 8, "epochs": 4},
         "grid": {

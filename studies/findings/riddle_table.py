@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 import pandas as pd
-from judged import led, number, table
 from predicting import by_generalist, by_own, of, read
+from rig_results import led, number, table
 
 from tracking.findings.best_placement import BestPlacement
 from tracking.published import published_detection

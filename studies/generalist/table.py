@@ -34,9 +34,11 @@ def main() -> None:
     for object_class, metric, iou in TARGETS:
         same = (results["metric"] == metric) & (results["class"] == object_class)
         own = results[same & np.isclose(results["iou"], iou)]
-        by_judge = own.pivot_table(index="placement", columns=["judge", "seed"], values="value")
-        detectors = by_judge["specialist"].dropna()
-        judged = by_judge["generalist"].loc[detectors.index]
+        by_evaluator = own.pivot_table(
+            index="placement", columns=["evaluator", "seed"], values="value"
+        )
+        detectors = by_evaluator["specialist"].dropna()
+        judged = by_evaluator["generalist"].loc[detectors.index]
         agreement = stats.spearmanr(detectors).statistic
         candidates = pd.DataFrame(
             {"two generalists": judged.mean(axis=1)}

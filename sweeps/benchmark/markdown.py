@@ -1,6 +1,4 @@
-"""The tables of docs/benchmark.md: a row a predictor."""
-
-from __future__ import annotations
+"""Tables of docs/benchmark.md: a row a predictor."""
 
 from collections.abc import Hashable, Mapping
 from typing import Any
@@ -22,9 +20,9 @@ _LABELS = {
 
 
 def markdown_table(scores: pd.DataFrame, seconds: Mapping[str, float], metric: str) -> str:
-    """All predictors by one metric, best first, below the ceiling."""
-    own = scores[(scores["metric"] == metric) & (scores["population"] == "all")]
-    names = own.sort_values("rho", ascending=False)["predictor"]
+    """List all predictors by one metric, best first, below the ceiling."""
+    of_metric = scores[(scores["metric"] == metric) & (scores["population"] == "all")]
+    names = of_metric.sort_values("rho", ascending=False)["predictor"]
     head = ["predictor", "s a rig", *(f"{name} {len(r)}" for name, r in populations().items())]
     most = scores[scores["metric"] == metric].drop_duplicates("population")["ceiling"]
     lines = [[*head, "regret", "pairs"], ["---", *["---:"] * (len(head) + 1)]]
@@ -34,21 +32,21 @@ def markdown_table(scores: pd.DataFrame, seconds: Mapping[str, float], metric: s
 
 
 def rho_cell(row: Mapping[Hashable, Any]) -> str:
-    """Spearman's rho with 95 %."""
+    """Format Spearman's rho with its 95 % interval."""
     bounds = span(row["low"], row["high"], "z.2f")
     return digits(row["rho"], "z.2f") + (f" ({bounds})" if bounds != DASH else "")
 
 
 def percent(share: float) -> str:
-    """A share of pairs."""
+    """Format a share of pairs."""
     return f"{100 * share:.0f} %" if share == share else DASH
 
 
 def markdown_row(scores: pd.DataFrame, name: str, seconds: Mapping[str, float], metric: str) -> str:
-    """One predictor, to paste into the table of a metric."""
+    """Write one predictor, to paste into the table of a metric."""
     label = SURROGATES[name].label if name in SURROGATES.own else _LABELS.get(name, name)
-    own = scores[(scores["predictor"] == name) & (scores["metric"] == metric)]
-    rows = {row["population"]: row for row in own.to_dict("records")}
+    of_predictor = scores[(scores["predictor"] == name) & (scores["metric"] == metric)]
+    rows = {row["population"]: row for row in of_predictor.to_dict("records")}
     inside = [
         rho_cell(row) if population in ("random", "all") else digits(row["rho"], "z.2f")
         for population, row in rows.items()

@@ -1,6 +1,4 @@
-"""What predictors say of the rigs: surrogates, generalists, and functions of one's own."""
-
-from __future__ import annotations
+"""Predictions of the rigs: by surrogates, generalists, and functions of one's own."""
 
 import json
 import time
@@ -21,18 +19,20 @@ from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES, Surro
 from lidarplace.rigs.placement import Placement
 from sweeps.benchmark.rigs import METRICS, log_of, of, trials
 from sweeps.plan.trial import DetectorTrial, Trial, with_detector
-from sweeps.tasks import stages
-from sweeps.tasks.results import Trained
+from sweeps.stages.evaluate import EvaluateStage
+from sweeps.stages.train import TrainedDetector
 from training.settings import PRETRAINED
 
 Function = Callable[[Placement, BoxLog], float | Mapping[str, float]]
-"""A number of a rig, high for good ones; or one for each of "Car", "Cyclist", "Pedestrian" and
-"all". The log has the frames to train on."""
+"""Function that rates a rig, high for good ones.
+
+Returns one number, or one for each of "Car", "Cyclist", "Pedestrian" and "all". The log has the
+frames to train on."""
 
 FUNCTIONS: Registry[Function] = Registry(
     "lidarplace.predictors", {}, fits=lambda found: callable(found) or isinstance(found, Surrogate)
 )
-"""Those of plug-ins."""
+"""Predictors of plug-ins."""
 
 _SAME = ("ig", "residual_entropy")  # as S-MIG, the order of the rigs
 BUILT_IN = tuple(
@@ -45,10 +45,12 @@ OfRig = Callable[[Trial], Mapping[str, float]]
 
 
 def predict(predictor: str, every: _Every = iter) -> tuple[pd.DataFrame, float]:
-    """What a predictor says of all rigs, a row a rig, a column for each of `METRICS`, NaN where it
-    has no value; and seconds of a rig, without what is done once for all. `every` goes over their
-    names, and may show progress. Raises InputError, OSError: there is no such predictor, or it
-    fails, gives what is no finite number or the same for all rigs."""
+    """Predict the results of all rigs, a row a rig, a column for each of `METRICS`.
+
+    NaN where a predictor has no value. Returns also seconds of a rig, without what is done once
+    for all. `every` goes over the rigs' names, and may show progress. Raises InputError,
+    OSError: there is no such predictor, or it fails, gives what is no finite number or the same
+    for all rigs."""
     of_rig, rigs = resolved(predictor)
     values, seconds = {}, []
     for rig in every(rigs):
@@ -63,36 +65,38 @@ def predict(predictor: str, every: _Every = iter) -> tuple[pd.DataFrame, float]:
 
 
 def resolved(predictor: str) -> tuple[OfRig, Mapping[str, Trial]]:
-    """What gives the values of a rig by `METRICS`, and the rigs. Raises as `predict`."""
+    """Return a function of the values of a rig by `METRICS`, and the rigs. Raises as `predict`."""
     path = Path(predictor)
     if path == PRETRAINED or path.suffix in (".pt", ".pth") or path.is_file():
         return _generalist(path)
     try:
         registry: Registry[Any] = SURROGATES if predictor in SURROGATES.own else FUNCTIONS
-        found = registry[predictor]
+        predictor_found = registry[predictor]
     except PluginError as error:
         hint = f"{error}{did_you_mean(predictor, SURROGATES.own)}"
-        known = (*SURROGATES.own, PRETRAINED, "a checkpoint (.pt), or module:function")
-        expected = ", ".join(map(str, known))
+        names = (*SURROGATES.own, PRETRAINED, "a checkpoint (.pt), or module:function")
+        expected = ", ".join(map(str, names))
         raise InputError(hint, place="predictor", expected=expected) from None
-    if isinstance(found, Surrogate):
-        return _surrogate(predictor, found)
+    if isinstance(predictor_found, Surrogate):
+        return _surrogate(predictor, predictor_found)
     # Rigs with as many azimuth steps as their clouds have.
-    return partial(_of_function, predictor, found), trials(["surrogate.names=[log_points]"])
+    return partial(_of_function, predictor, predictor_found), trials(
+        ["surrogate.names=[log_points]"]
+    )
 
 
-def _surrogate(name: str, own: Surrogate) -> tuple[OfRig, Mapping[str, Trial]]:
-    rigs = trials([f"surrogate.names=['{own.beside or name}']"])
-    given: Any = log_of("train")
+def _surrogate(name: str, surrogate: Surrogate) -> tuple[OfRig, Mapping[str, Trial]]:
+    rigs = trials([f"surrogate.names=['{surrogate.beside or name}']"])
+    scene: Any = log_of("train")
     if name not in OBJECT_SURROGATES:
-        given = stages.pog(next(iter(rigs.values())).pog.params, given)
+        scene = next(iter(rigs.values())).pog.stage.run(scene)
 
     def of_rig(trial: Trial) -> Mapping[str, float]:
         task = trial.score_by(name)
-        table = stages.FUNCTIONS[task.stage](task.params, given).table
+        table = task.stage.run(scene).table
         table = table[table["surrogate"] == name]
         by_class = dict(zip(table["class"], table["value"], strict=True))
-        by_class["all"] = table["value"].sum(skipna=False) if own.additive else np.nan
+        by_class["all"] = table["value"].sum(skipna=False) if surrogate.additive else np.nan
         return _by_metric(by_class)
 
     return of_rig, rigs
@@ -100,11 +104,11 @@ def _surrogate(name: str, own: Surrogate) -> tuple[OfRig, Mapping[str, Trial]]:
 
 def _of_function(name: str, function: Function, trial: Trial) -> Mapping[str, float]:
     assert trial.recall is not None
-    (rig,) = trial.recall.params.rigs
+    (rig,) = trial.recall.stage.rigs
     place = f"{name}: rig {rig.name}"
     with FUNCTIONS.calls(place):
-        found = function(rig, log_of("train"))
-        by_class = dict(found) if isinstance(found, Mapping) else dict.fromkeys(_CLASSES, found)
+        result = function(rig, log_of("train"))
+        by_class = dict(result) if isinstance(result, Mapping) else dict.fromkeys(_CLASSES, result)
     for key in by_class:
         if key not in _CLASSES:
             expected = f"a number, or one for each of {', '.join(_CLASSES)}"
@@ -120,8 +124,8 @@ def _by_metric(by_class: Mapping[str, float]) -> dict[str, float]:
 
 
 def _generalist(path: Path) -> tuple[OfRig, Mapping[str, Trial]]:
-    """AP and recall of detections in the test frames, with the mounting errors of the study."""
-    from sweeps.search.trials.by_generalist import judge_task
+    """Compute AP and recall of detections in the test frames, with the study's mounting errors."""
+    from sweeps.search.trials.by_generalist import detect_task
     from training import build_detector
     from training.checkpoints import load_checkpoint, read_checkpoint
     from training.kitti_ap import evaluation
@@ -133,21 +137,24 @@ def _generalist(path: Path) -> tuple[OfRig, Mapping[str, Trial]]:
     named = {"detector": detector, "training.checkpoint": str(path)}
     with at(path):
         rigs = trials([f"{key}={json.dumps(value)}" for key, value in named.items()])
-    first = with_detector(rigs.values())[0].evaluate.params
+    first = with_detector(rigs.values())[0].evaluate.stage
+    assert isinstance(first, EvaluateStage)
     model = build_detector(
         detector, first.classes, point_range=first.point_range, typical=first.typical
     )
     load_checkpoint(model, path)
     no_curve = pd.DataFrame(columns=["epoch", "metric", "value"])
-    weights = Trained(model.state_dict(), no_curve, list(first.classes), 1, False, str(path), 0.0)
+    weights = TrainedDetector(
+        model.state_dict(), no_curve, list(first.classes), 1, False, str(path), 0.0
+    )
     log = log_of("test")
 
     def of_rig(trial: Trial) -> Mapping[str, float]:
         assert isinstance(trial, DetectorTrial)
-        found = stages.judge(judge_task(trial.evaluate, 0, 1).params, weights, log)
-        (truth,) = (stages.ground_truth(task.params, log) for task in trial.ground_truths)
-        frames = found.frames["frame"].tolist()
-        table = evaluation(truth.objects, found.detections, frames, first.classes).metrics
+        detected = detect_task(trial.evaluate, 0, 1).stage.run(weights, log)
+        (truth,) = (task.stage.run(log) for task in trial.ground_truths)
+        frames = detected.frames["frame"].tolist()
+        table = evaluation(truth.objects, detected.detections, frames, first.classes).metrics
         return {metric: float(of(table, metric)["value"].iloc[0]) for metric in METRICS}
 
     return of_rig, rigs

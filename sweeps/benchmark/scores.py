@@ -1,6 +1,4 @@
-"""How good predictors are: rank correlation, regret and pairs, by metric and population."""
-
-from __future__ import annotations
+"""Quality of predictors: rank correlation, regret and pairs, by metric and population."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
@@ -25,7 +23,7 @@ _ONE_SETTING = {"detector": "pointpillars_tiny", "difficulty": "all"}
 def scores(
     predicted: Mapping[str, pd.DataFrame], metrics: Sequence[str] = tuple(METRICS)
 ) -> pd.DataFrame:
-    """A row for each metric, population and predictor.
+    """Score predictors, a row for each metric, population and predictor.
 
     Args:
         predicted: a row a rig, a column for each of `METRICS`; NaN where a predictor has no value.
@@ -36,22 +34,21 @@ def scores(
         and seeds_agree, ICC(3, 1); rho, Spearman's with the means over seeds, low and high, 95 %;
         takes, the rig with the predictor's best value, regret, its expected loss in points, and
         regret_low and regret_high; right, see `pair_agreement`, and pairs, their number. NaN where
-        there is no number.
-    """
+        there is no number."""
     every = [(metric, name) for metric in metrics for name in populations()]
     return pd.DataFrame([row for group in every for row in _rows(predicted, *group)])
 
 
 @cache
 def reached(metric: str, population: str) -> tuple[pd.DataFrame, BestPlacement, dict[str, float]]:
-    """Percent, a row a rig, a column a seed; the rigs compared; and `ceilings` of them."""
+    """Return percent, a row a rig, a column a seed; the rigs compared; and `ceilings` of them."""
     tables = (of(read(name), metric) for name in ("reached", "left_out"))
     rows, left_out = (t[t["placement"].isin(populations()[population])] for t in tables)
     best = best_placement(rows, left_out=left_out)
     assert best is not None  # all were tested
     most = ceilings(rows.assign(**_ONE_SETTING), left_out.assign(**_ONE_SETTING))
-    found = {"ceiling": most["ceiling"][0], "seeds_agree": most["agreement_of_seeds"][0]}
-    return rows.pivot(index="placement", columns="seed", values="value"), best, found
+    noise = {"ceiling": most["ceiling"][0], "seeds_agree": most["agreement_of_seeds"][0]}
+    return rows.pivot(index="placement", columns="seed", values="value"), best, noise
 
 
 def _rows(
@@ -59,18 +56,25 @@ def _rows(
 ) -> Iterator[dict[str, object]]:
     values, best, most = reached(metric, population)
     y = values.to_numpy(np.float64)
-    x = pd.DataFrame({name: own[metric].reindex(values.index) for name, own in predicted.items()})
+    x = pd.DataFrame(
+        {
+            name: values_of_rigs[metric].reindex(values.index)
+            for name, values_of_rigs in predicted.items()
+        }
+    )
     lost = {row["surrogate"]: row for row in regrets(best, x).to_dict("records")}
     for name in predicted:
         row: dict[str, object] = {"metric": metric, "population": population, "predictor": name}
         row |= {"rigs": len(y), **most, "takes": "", "right": np.nan, "pairs": 0}
         row |= dict.fromkeys(("rho", "low", "high", *_LOST), np.nan)
-        own = x[name].to_numpy(np.float64)
-        if np.isfinite(own).all():
-            row["rho"] = unit_vectors(own, "spearman") @ unit_vectors(seed_mean(y), "spearman")
-            row["low"], row["high"] = intervals(own, y, "spearman")
-            known = SURROGATES.get(name)
-            sense = -1 if known is not None and known.direction == "minimize" else 1
+        values_of_rigs = x[name].to_numpy(np.float64)
+        if np.isfinite(values_of_rigs).all():
+            row["rho"] = unit_vectors(values_of_rigs, "spearman") @ unit_vectors(
+                seed_mean(y), "spearman"
+            )
+            row["low"], row["high"] = intervals(values_of_rigs, y, "spearman")
+            definition = SURROGATES.get(name)
+            sense = -1 if definition is not None and definition.direction == "minimize" else 1
             ordered = sense * x[name].reindex(best.sure.index).to_numpy(np.float64)
             row["right"], row["pairs"] = pair_agreement(ordered, best.pairs)
         if name in lost:

@@ -1,1 +1,1 @@
-"""Detection curves from the detections of a sweep: what was seen, what was found, and a check."""
+"""Detection curves from the detections of a sweep: hits, found objects, and a check."""

@@ -1,4 +1,4 @@
-"""Does a detection curve predict what it was not fitted to? Rigs, routes, objects are left out."""
+"""Check of a detection curve by rigs, routes and objects that are left out of its fit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,24 +12,23 @@ from lidarplace.recall.baselines import ENOUGH_POINTS
 from lidarplace.recall.detection_curve import DetectionCurve, fit
 
 UNITS = {"rig": ["rig"], "route": ["route"], "object": ["scene", "object_id"]}
-"""What is left out -> the columns that name it."""
+"""Columns that name what is left out, by its kind."""
 LEAST_INDIVIDUALS = 30
-"""Fewer say little of their class: the recall of 30 is known to 9 points (one standard error)."""
+"""Least number of individuals: the recall of 30 is known to 9 points (one standard error)."""
 MOST_PARTS = 10
-"""More routes or objects are thrown together at random: every part takes a fit."""
+"""Most parts: more routes or objects are thrown together at random, as every part takes a fit."""
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """How well a curve predicts each part of the observations that was not in its fit.
+    """Errors of a curve on each part of the observations that was not in its fit.
 
     Attributes:
         parts: their number.
         brier: mean squared difference of probability and what became of the object.
         brier_of_mean: the same of the share found in the other parts, for every object alike.
         error: mean distance of a part's predicted recall from the measured one.
-        spread: standard deviation of the measured recall over the parts.
-    """
+        spread: standard deviation of the measured recall over the parts."""
 
     parts: int
     brier: float
@@ -40,7 +39,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Check:
-    """How well a class at an overlap is predicted.
+    """Quality of the prediction of a class at an overlap.
 
     Attributes:
         curve: fitted to all observations.
@@ -50,8 +49,7 @@ class Check:
             rig. A rig that is left out pulls the curve away from itself, so where the curve is flat
             this is negative, whatever is true.
         rho_fitted: the same with the curve that is fitted to all rigs.
-        rho_log_points, rho_enough_points, rho_log_cells: of measures that are not fitted.
-    """
+        rho_log_points, rho_enough_points, rho_log_cells: of measures that are not fitted."""
 
     curve: DetectionCurve
     rigs: int
@@ -66,8 +64,9 @@ class Check:
 
 
 def check(seen: pd.DataFrame) -> Check:
-    """Fit a curve to `observations` of one class and overlap, and leave parts of them out. Raises
-    InputError: they are of fewer than `LEAST_INDIVIDUALS`."""
+    """Fit a curve to `observations` of one class and overlap, and leave parts of them out.
+
+    Raises InputError: they are of fewer than `LEAST_INDIVIDUALS`."""
     name, iou = str(seen["class"].iloc[0]), float(seen["iou"].iloc[0])
     one = seen[seen["rig"] == seen["rig"].iloc[0]]
     individuals = len(one[["scene", "object_id"]].drop_duplicates())
@@ -108,20 +107,20 @@ def check(seen: pd.DataFrame) -> Check:
 def _without_each(
     seen: pd.DataFrame, part: NDArray[np.int64], name: str, iou: float
 ) -> tuple[LeftOut, pd.Series]:
-    """Leave out every part; and the probability of each object by the curve of the others."""
+    """Leave out every part; return also each object's probability by the curve of the others."""
     expected, mean = (pd.Series(np.nan, seen.index) for _ in range(2))
-    for own in np.unique(part):
-        here, others = part == own, seen[part != own]
+    for number in np.unique(part):
+        left_out, others = part == number, seen[part != number]
         curve = fit(name, iou, others["cells"], others["found"])
-        expected[here] = curve.probability(seen.loc[here, "cells"])
-        mean[here] = others["found"].mean()
+        expected[left_out] = curve.probability(seen.loc[left_out, "cells"])
+        mean[left_out] = others["found"].mean()
     table = pd.DataFrame({"found": seen["found"], "expected": expected})
     of_part = table.groupby(part).mean()
-    found = LeftOut(
+    errors = LeftOut(
         parts=len(of_part),
         brier=float(((expected - seen["found"]) ** 2).mean()),
         brier_of_mean=float(((mean - seen["found"]) ** 2).mean()),
         error=float((of_part["expected"] - of_part["found"]).abs().mean()),
         spread=float(of_part["found"].std()),
     )
-    return found, expected
+    return errors, expected

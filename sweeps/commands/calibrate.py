@@ -17,7 +17,7 @@ from sweeps import options
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sweeps.evaluation.asked import Asked
+    from sweeps.evaluation.request import EvaluationRequest
 
 app = new_app()
 
@@ -55,9 +55,9 @@ def calibrate(
     Trains nothing: trials without detections are skipped. Rigs, routes and objects are held out of
     the fit in turn, and predicted."""
     from lidarplace.recall.detection_curve import write_curves
+    from sweeps.calibration.checks_section import checks_section
     from sweeps.calibration.left_out import check
-    from sweeps.calibration.page import checks_section
-    from tracking.pages.page import SECTIONS_ALONE, write_page
+    from tracking.pages.html_page import SECTIONS_ALONE, write_page
 
     if (config is None) == (log is None) or (log is None and (rig or geometry)):
         wrong("name the file of a sweep, or --log with --rig and --geometry")
@@ -67,7 +67,7 @@ def calibrate(
         if config is not None:
             seen = _of_sweep(config, set_ or [], class_ or [])
         else:
-            from sweeps.evaluation.asked import asked_for
+            from sweeps.evaluation.request import asked_for
 
             asked = asked_for(
                 Path(str(log)), [], rig or [], geometry or [], layout, world, calib, class_map, roi,
@@ -111,7 +111,7 @@ def _of_sweep(config: Path, overrides: list[str], classes: list[str]) -> pd.Data
     return seen[seen["class"].isin(classes)] if classes else seen
 
 
-def _of_detections(asked: Asked) -> pd.DataFrame:
+def _of_detections(asked: EvaluationRequest) -> pd.DataFrame:
     import pandas as pd
 
     from lidarplace.recall.counted_objects import CountedObjects

@@ -38,8 +38,8 @@ def cheapest(
     from sweeps.search.cheapest.polish import polish
     from sweeps.search.cheapest.result import as_json as told
     from sweeps.search.cheapest.result import print_chosen, write_chosen
-    from sweeps.search.judgement.chosen import recall_of
     from sweeps.search.problem.problem import read_problem
+    from sweeps.search.verification.reevaluation import recall_of
     from sweeps.store.open import store_of
 
     console = output()

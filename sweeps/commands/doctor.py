@@ -25,7 +25,7 @@ from lidarplace.command_line.verbs import (
 )
 from lidarplace.files.secret_urls import public_url
 from sweeps.execution import checks
-from sweeps.execution.checks import Found
+from sweeps.execution.checks import CheckResult
 from sweeps.options import SetOption
 
 app = new_app()
@@ -39,7 +39,7 @@ _SIGNS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding(Found):
+class Finding(CheckResult):
     """Further what was looked at, and what does not work without it."""
 
     check: str
@@ -84,7 +84,7 @@ def doctor(
     try:
         findings = look(asked_of(config, set_ or []) if config else Asked())
     except ImportError as error:  # a package is missing without which no file can be read
-        unread = Found(f"cannot be read: {error}", "missing", "make setup")
+        unread = CheckResult(f"cannot be read: {error}", "missing", "make setup")
         findings = [*look(Asked()), _finding(str(config), "this sweep", unread)]
     if as_json:
         print_json([asdict(finding) for finding in findings])
@@ -118,7 +118,7 @@ def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
 
 def look(asked: Asked) -> list[Finding]:
     """All findings, in the order in which things are needed. One check does not stop the others."""
-    wanted: list[tuple[str, str, Callable[[], Found]]] = [
+    wanted: list[tuple[str, str, Callable[[], CheckResult]]] = [
         ("packages", "everything", partial(checks.packages, None, True)),
         ("sweeps", "detectors, sweeps", partial(checks.packages, "sweeps", True)),
         ("GPU", "fast trainings", checks.gpu),
@@ -149,14 +149,16 @@ def look(asked: Asked) -> list[Finding]:
     return [_tried(*one) for one in wanted]
 
 
-def _disk(what: str, folder: Path, asked: Asked) -> tuple[str, str, Callable[[], Found]]:
+def _disk(what: str, folder: Path, asked: Asked) -> tuple[str, str, Callable[[], CheckResult]]:
     return f"disk: {what}", f"results in {folder}", partial(checks.disk, folder, asked.cleaned)
 
 
-def scenes(config: Path, overrides: Sequence[str] = ()) -> Found:
+def scenes(config: Path, overrides: Sequence[str] = ()) -> CheckResult:
     """The maps, logs and checkpoints that the file names are there."""
     from sweeps.execution.memory import check_memory
     from sweeps.plan.plan import read_plan
+    from sweeps.stages.command import CommandStage
+    from sweeps.stages.task import tasks_of
     from sweeps.sweep_or_search import is_search
 
     try:
@@ -165,32 +167,32 @@ def scenes(config: Path, overrides: Sequence[str] = ()) -> Found:
 
             problem = read_problem(config, overrides)
             problem.check_memory()
-            return Found(f"{problem.file.search.trials} trials")
+            return CheckResult(f"{problem.file.search.trials} trials")
         sweep, plan = read_plan(config, overrides)
         check_memory(plan.tasks, sweep.common.ray.address)
     except ValueError as error:
-        return Found(" ".join(str(error).split()), "missing", f"correct {config}")
-    for judge in {own.params.judge for own in plan.tasks if own.stage == "command"}:
-        program = shlex.split(judge.command)[0]
-        place = str(judge.folder / program) if "/" in program else program
+        return CheckResult(" ".join(str(error).split()), "missing", f"correct {config}")
+    for evaluator in {task.stage.evaluator for task in tasks_of(CommandStage, plan.tasks)}:
+        program = shlex.split(evaluator.command)[0]
+        place = str(evaluator.folder / program) if "/" in program else program
         if program != "{python}" and shutil.which(place) is None:
-            found = f"judge.command: no program {program}; found none at {place}"
-            return Found(found, "missing", "install it, or correct judge.command")
-    return Found(f"{len(plan.trials)} trials, {len(plan.tasks)} tasks")
+            found = f"evaluator.command: no program {program}; found none at {place}"
+            return CheckResult(found, "missing", "install it, or correct evaluator.command")
+    return CheckResult(f"{len(plan.trials)} trials, {len(plan.tasks)} tasks")
 
 
-def _tried(name: str, needed_for: str, check: Callable[[], Found]) -> Finding:
+def _tried(name: str, needed_for: str, check: Callable[[], CheckResult]) -> Finding:
     """What the check found; its failure is a finding too."""
     try:
         found = check()
     except Exception as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
         remedy = needs(error) if isinstance(error, ModuleNotFoundError) else None
-        found, needed_for = Found(text, "missing", remedy or "make setup"), "see the message"
+        found, needed_for = CheckResult(text, "missing", remedy or "make setup"), "see the message"
     return _finding(name, needed_for, found)
 
 
-def _finding(check: str, needed_for: str, found: Found) -> Finding:
+def _finding(check: str, needed_for: str, found: CheckResult) -> Finding:
     return Finding(**vars(found), check=check, needed_for=needed_for)
 
 

@@ -61,13 +61,11 @@ def evaluate(
 
     Reads KITTI's result files, nuScenes' JSON, Argoverse 2's feather, Waymo's and plain Parquet.
     Two rigs or more become a run folder with a decision page, a failure page and a report."""
-    from sweeps.evaluation.asked import asked_for
+    from sweeps.evaluation.request import asked_for
     from sweeps.evaluation.run_folder import check_free, evaluate_rigs, results_of, write_evaluation
     from tracking.findings.groups import ONE_FOR_ALL
     from tracking.findings.summary import seed_means
-    from tracking.report.analysis import Analysis
-    from tracking.report.build import build_report
-    from tracking.run_folders.sweep import RunFolder
+    from tracking.report.build import write_report
 
     with checked_input():
         found = asked_for(
@@ -81,8 +79,9 @@ def evaluate(
         results, left_out = results_of(worth)
         means = seed_means(results, (), left_out, ONE_FOR_ALL[0])
         if several:
-            write_evaluation(out, worth, found, ONE_FOR_ALL[0] if generalist else "specialist")
-            page = build_report(out)
+            judge = ONE_FOR_ALL[0] if generalist else "specialist"
+            analysis, frames = write_evaluation(out, worth, found, judge)
+            page = write_report(analysis, frames)
     for caution in found.cautions:
         say(f"warning: {caution}", sys.stderr)
     if as_json:
@@ -104,15 +103,14 @@ def evaluate(
         else "in brackets 95 % over trainings and over the routes or individuals of these frames"
     )
     if several:
-        with checked_input():
-            say("\n".join(Analysis.of(RunFolder.read(out)).headline))
+        say("\n".join(analysis.headline))
         say(page)
         say(page.with_name("decision.html"))
 
 
 def _shown(means: pd.DataFrame, several: bool) -> Table:
     from lidarplace.base.metrics import METRICS
-    from tracking.kitti_iou import headline_iou, judged
+    from tracking.kitti_iou import at_headline_iou, headline_iou
     from tracking.labels import digits
 
     rows = []
@@ -120,7 +118,7 @@ def _shown(means: pd.DataFrame, several: bool) -> Table:
         cells = []
         for metric in SHOWN:
             cells.append("")
-            for row in judged(own, means, str(name), metric).to_dict("records"):
+            for row in at_headline_iou(own, means, str(name), metric).to_dict("records"):
                 low, high = row["low"], row["high"]
                 sure = f" ({low:.1f} to {high:.1f})" if high - low > 0.05 else ""
                 cells[-1] = f"{digits(row['mean'], '.1f')}{sure}"

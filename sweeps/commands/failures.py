@@ -11,6 +11,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.command_line.invocation import command
 from lidarplace.command_line.terminal import output, say
 from lidarplace.command_line.verbs import checked_input, new_app, verb
+from lidarplace.configuration.renamed_keys import current_key
 
 if TYPE_CHECKING:
     from tracking.findings.failures import Failures
@@ -35,7 +36,7 @@ def failures(
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUE",
-            help="detector or value of a further axis, such as judge=generalist; repeatable",
+            help="detector or value of a further axis, such as evaluator=generalist; repeatable",
         ),
     ] = None,
     out: Annotated[
@@ -50,7 +51,7 @@ def failures(
     configuration of the sweep in RUN and its results in the store."""
     from lidarplace.files.atomic import replacing
     from lidarplace.files.tables import write_csv
-    from tracking.pages.page import FOLDER, write_csv_files
+    from tracking.pages.html_page import FOLDER, write_csv_files
     from tracking.report.failures import write_failures
     from tracking.report.sections.failures import FILE, counted_failures
     from tracking.run_folders.sweep import RunFolder
@@ -79,8 +80,7 @@ def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
     from tracking.findings.failures import failures
     from tracking.findings.groups import copies, groups, without
     from tracking.findings.promotion import fully_trained
-    from tracking.report.headline import headline_ranking
-    from tracking.report.recommendation import compared_failures
+    from tracking.report.recommendation import Recommendation, compared_failures
 
     for name in ("objects", "found"):
         if getattr(run, name) is None:
@@ -97,8 +97,8 @@ def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
         problem = f"{run.path} has {places or 'no detector'}"
         raise InputError(problem, place=f"--where {' '.join(where)}")
     if rigs is None:
-        ranked = ((group, headline_ranking(run, group)) for group in chosen)
-        found = compared_failures(run, ranked)
+        ranked = [Recommendation(run, group) for group in chosen]
+        found = compared_failures([one for one in ranked if one.ranking])
         named = "two rigs"
     else:
         first, second = _two(rigs, run)
@@ -123,7 +123,10 @@ def _two(rigs: str, run: RunFolder) -> tuple[str, str]:
 
 def _holds(group: Group, where: list[str]) -> bool:
     place = {key: str(value) for key, value in group.place.items()}
-    return all(place.get(key) == value for key, _, value in (own.partition("=") for own in where))
+    return all(
+        place.get(current_key(key)) == value
+        for key, _, value in (own.partition("=") for own in where)
+    )
 
 
 def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]:

@@ -20,8 +20,8 @@ from sweeps.options import SetOption
 if TYPE_CHECKING:
     from sweeps.configuration.grid import Sweep
     from sweeps.execution.failures import Failure
-    from sweeps.tasks.results import Trained
-    from sweeps.tasks.task import Task
+    from sweeps.stages.task import Task
+    from sweeps.stages.train import FinetuneStage, TrainedDetector
 
 app = new_app()
 
@@ -49,9 +49,9 @@ def pretrain(
     from sweeps.execution.failures import Failure, FailureFolder
     from sweeps.execution.runner import run_tasks
     from sweeps.plan.pretrain_task import pretrain_task
+    from sweeps.stages.collect import CollectStage
+    from sweeps.stages.task import tasks_of, with_inputs
     from sweeps.store.open import reference, store_of
-    from sweeps.tasks.parameters import CollectParams
-    from sweeps.tasks.task import with_inputs
     from training.checkpoints import write_checkpoint
     from training.pretrained import domain_of
 
@@ -72,7 +72,7 @@ def pretrain(
     logs = FailureFolder(sweep.common.output / sweep.common.name / "failed")
     say = partial(console.print, soft_wrap=True)
 
-    def trained() -> Trained | Failure:
+    def trained() -> TrainedDetector | Failure:
         failures = run_tasks(console, sweep.common, store, tasks, logs)
         return failures[task.key] if task.key in failures else store.load(task)
 
@@ -82,11 +82,10 @@ def pretrain(
         say(f"see {logs.folder}")
         raise typer.Exit(1)
     try:
-        params = task.params
-        collected = [own.params for own in task.inputs if isinstance(own.params, CollectParams)]
-        rigs, classes = [own.placement for own in collected], value.classes
-        domain = asdict(domain_of(rigs, params.point_range, classes)) if rigs else None
-        of_network = (params.detector, classes, params.typical)
+        stage, classes = task.stage, value.classes
+        rigs = [needed.stage.placement for needed in tasks_of(CollectStage, task.inputs)]
+        domain = asdict(domain_of(rigs, stage.point_range, classes)) if rigs else None
+        of_network = (stage.detector, classes, stage.typical)
         write_checkpoint(out, value.state_dict, *of_network, domain)
     except OSError as error:
         say(f"failed: {error}")
@@ -98,14 +97,16 @@ def pretrain(
     )
 
 
-def _training(config: Path, overrides: Sequence[str], out: Path) -> tuple[Sweep, Task[Trained]]:
+def _training(
+    config: Path, overrides: Sequence[str], out: Path
+) -> tuple[Sweep, Task[FinetuneStage]]:
     from sweeps.configuration.grid import read_sweep
     from sweeps.plan.plan import read_plan
     from sweeps.plan.pretrain_task import training_of
     from sweeps.sweep_or_search import is_search
 
     if is_search(config):
-        from sweeps.search.problem.judged_sweep import generalists
+        from sweeps.search.problem.generalist_trials import generalists
         from sweeps.search.problem.problem import read_problem  # Optuna
 
         problem = read_problem(config, overrides)

@@ -35,7 +35,7 @@ def record(
         sweep, plan = read_plan(config, set_ or [])
         store = store_of(sweep)
         out.mkdir(parents=True, exist_ok=True)  # before traffic is simulated for it
-        tasks = [task for task in plan.tasks if task.stage == "scene"]
+        tasks = [task for task in plan.tasks if task.stage.name == "scene"]
         store.refer(reference(sweep, "record"), [task.key for task in tasks])
     scenes = {trial.scenes: trial.scene_label for trial in plan.trials}
     console = output()

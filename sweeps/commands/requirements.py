@@ -15,8 +15,8 @@ from sweeps.options import DryRunOption, SetOption
 if TYPE_CHECKING:
     import pandas as pd
 
-    from lidarplace.requirements.judge import Outcome
-    from sweeps.configuration.question import Question
+    from lidarplace.requirements.check_requirements import RequirementResult
+    from sweeps.configuration.requirements_file import RequirementsCheck
     from tracking.pages.section import Section
 
 MOST_FIGURES = 120
@@ -47,26 +47,28 @@ def requirements(
     with pictures of the ground around the vehicle."""
     from rich.progress import track
 
-    from lidarplace.requirements.judge import judge
+    from lidarplace.requirements.check_requirements import check_requirements
     from lidarplace.requirements.tables import by_rig, case_table, worst_cases
-    from sweeps.configuration.question import read_question
+    from sweeps.configuration.requirements_file import read_requirements_check
     from tracking.pages.requirements import verdict_table
 
     with checked_input():
-        question = read_question(config, set_ or [])
+        requirements_check = read_requirements_check(config, set_ or [])
         if dry_run:
-            _print_plan(question, as_json)
+            _print_plan(requirements_check, as_json)
             return
         console = Terminal(stderr=True)
-        rigs = track(question.rigs, "rigs", console=console, disable=not console.is_terminal)
+        rigs = track(
+            requirements_check.rigs, "rigs", console=console, disable=not console.is_terminal
+        )
         outcomes = [
-            judge(question.laid, rig, question.vehicle, further)
-            for rig, further in zip(rigs, question.further, strict=True)
+            check_requirements(requirements_check.laid, rig, requirements_check.vehicle, further)
+            for rig, further in zip(rigs, requirements_check.further, strict=True)
         ]
-        names = (rig.name for rig in question.rigs)
+        names = (rig.name for rig in requirements_check.rigs)
         cases = by_rig(dict(zip(names, map(case_table, outcomes), strict=True)))
         worst = worst_cases(cases, ["rig"])
-        paths = _write(question, outcomes, cases, worst, out)
+        paths = _write(requirements_check, outcomes, cases, worst, out)
     if as_json:
         told = [_as_json(outcome) for of_rig in outcomes for outcome in of_rig]
         print_json({"files": paths, "outcomes": told})
@@ -79,19 +81,19 @@ def requirements(
         raise typer.Exit(1)
 
 
-def _print_plan(question: Question, as_json: bool) -> None:
+def _print_plan(requirements_check: RequirementsCheck, as_json: bool) -> None:
     from lidarplace.requirements.tables import extents
     from sweeps.results.dry_run import extent_table
 
-    plan = extents(question.laid)
+    plan = extents(requirements_check.laid)
     if as_json:
-        print_json({"rigs": [rig.name for rig in question.rigs], "requirements": plan})
+        print_json({"rigs": [rig.name for rig in requirements_check.rigs], "requirements": plan})
         return
-    say(f"rigs: {', '.join(rig.name for rig in question.rigs)}")
+    say(f"rigs: {', '.join(rig.name for rig in requirements_check.rigs)}")
     output().print(extent_table(plan))
 
 
-def _as_json(outcome: Outcome) -> dict[str, Any]:
+def _as_json(outcome: RequirementResult) -> dict[str, Any]:
     from lidarplace.requirements.tables import case_row
 
     wanted = outcome.requirement
@@ -102,45 +104,47 @@ def _as_json(outcome: Outcome) -> dict[str, Any]:
         "measure": wanted.measured,
         "at_least": wanted.least,
         "for": wanted.share,
-        "cases": [case_row(outcome, finding) for finding in outcome.findings],
+        "cases": [case_row(outcome, case) for case in outcome.cases],
     }
 
 
 def _write(
-    question: Question,
-    outcomes: Sequence[Sequence[Outcome]],
+    requirements_check: RequirementsCheck,
+    outcomes: Sequence[Sequence[RequirementResult]],
     cases: pd.DataFrame,
     worst: pd.DataFrame,
     out: Path,
 ) -> dict[str, str]:
     """The table of all cases, and a page of pictures. Returns the paths by suffix."""
     from lidarplace.files.tables import write_csv
-    from tracking.pages.page import SECTIONS_ALONE, write_page
+    from tracking.pages.html_page import SECTIONS_ALONE, write_page
 
     paths = {suffix: out.with_name(f"{out.name}.{suffix}") for suffix in ("csv", "html")}
     out.parent.mkdir(parents=True, exist_ok=True)
     write_csv(cases, paths["csv"])
-    sections = list(_sections(question, outcomes, worst))
+    sections = list(_sections(requirements_check, outcomes, worst))
     write_page(paths["html"], SECTIONS_ALONE, sections, name=out.name)
     return {suffix: str(path) for suffix, path in paths.items()}
 
 
 def _sections(
-    question: Question, outcomes: Sequence[Sequence[Outcome]], worst: pd.DataFrame
+    requirements_check: RequirementsCheck,
+    outcomes: Sequence[Sequence[RequirementResult]],
+    worst: pd.DataFrame,
 ) -> Iterator[Section]:
     from lidarplace.mounting.outline import outline
     from lidarplace.requirements.tables import Ground
     from tracking.pages.requirements import ALONE, COLOURS, counted, requirement_map, verdict_table
     from tracking.pages.section import Section
 
-    rigs = {rig.name: rig for rig in question.rigs}
+    rigs = {rig.name: rig for rig in requirements_check.rigs}
     found = {(own.rig, own.requirement.name): own for of_rig in outcomes for own in of_rig}
     shown = worst.sort_values("met", kind="stable").head(MOST_FIGURES)
     first = Section("Requirements", [counted(worst), ALONE], tables=[verdict_table(worst, ["rig"])])
     if len(shown) < len(worst):
         first.notes.append(f"Pictures of {len(shown)} of them, those that fail first.")
     yield first
-    for laid in question.laid:
+    for laid in requirements_check.laid:
         name = laid.requirement.name
         if laid.requirement.common_view is not None:
             continue
@@ -150,7 +154,7 @@ def _sections(
                 Ground.of(found[row["rig"], name]),
                 row["rig"],
                 rigs[row["rig"]].mounts,
-                outline(question.vehicle),
+                outline(requirements_check.vehicle),
             )
             for row in shown[shown["requirement"] == name].to_dict("records")
         ]

@@ -15,7 +15,7 @@ from sweeps.execution.interrupted import interruptible
 from sweeps.execution.memory import check_memory
 from sweeps.options import DryRunOption, SchemaOption, SetOption, given
 from sweeps.plan.plan import read_plan
-from sweeps.results.dry_run import planned, print_planned
+from sweeps.results.dry_run import describe_dry_run, print_dry_run
 from sweeps.results.origin import check_origin
 from sweeps.results.rigs import write_rigs_page
 from sweeps.store.open import check_writable, store_of
@@ -57,12 +57,12 @@ def run(
     if dry_run:
         with checked_input():
             check_origin(sweep)
-            shown = planned(sweep, plan, store)
+            shown = describe_dry_run(sweep, plan, store)
             page = None if as_json else write_rigs_page(sweep, shown.cautions)
         if as_json:
             print_json(asdict(shown))
         else:
-            print_planned(console, shown)
+            print_dry_run(console, shown)
             say(f"rigs drawn: {page}")
         return
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it

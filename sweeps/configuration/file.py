@@ -1,5 +1,6 @@
 """A configuration file as plain data, checked against its model: one line for a mistake."""
 
+import logging
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,9 +12,9 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from lidarplace.base.errors import InputError, at
-from lidarplace.base.registry import FOLDERS
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.command_line.invocation import command
+from lidarplace.configuration.renamed_keys import current_key, with_current_keys
 from lidarplace.configuration.settings import key_path, mistake, shortened
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 from lidarplace.files.secret_urls import hide_secrets_in
@@ -26,6 +27,10 @@ Model = TypeVar("Model", bound=BaseModel)
 _SWEEP = ("a sweep", "run")
 _VERBS = {"search": ("a search", "search"), "grid": _SWEEP, "exclude": _SWEEP}
 """Keys that only one kind of file has, and the verb that takes it."""
+_OF_KEY_PATHS = {"grid", "exclude", "promote", "set", "verify", "search", "objective"}
+"""Keys of sweeps and searches whose value has, at some depth, keys of a point."""
+
+_log = logging.getLogger(__name__)
 
 
 class ConfigError(InputError):
@@ -55,6 +60,8 @@ def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> d
         if not isinstance(raw, dict):
             what = "nothing" if raw is None else type(raw).__name__
             raise InputError(expected="a mapping of keys", found=what)
+        written, raw = raw, _with_current_keys(raw)
+        is_outdated = raw != written
         unknown = [key for key in raw if key not in model.model_fields]
         for key, (kind, verb) in _VERBS.items():
             if key in unknown:
@@ -62,10 +69,27 @@ def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> d
                 raise InputError(f"key of {kind}", key=key, fix=fix)
         for key in map(str, unknown):
             raise unknown_key(key, model, key=shortened(key))
-    FOLDERS.append(path.parent.resolve())
     for pair in overrides:
+        key = split_override(pair)[0].removeprefix("grid.")
+        is_outdated |= key != current_key(key)
         _override(raw, pair, path, model)
-    return raw
+    with at("--set", ConfigError):
+        current: dict[str, Any] = _with_current_keys(raw)
+    if is_outdated or current != raw:
+        _log.warning("warning: %s: judge: renamed to evaluator; judge works until 2.0", path)
+    return current
+
+
+def _with_current_keys(value: Any, place: str = "") -> Any:
+    """Return what a configuration has at the key path `place` without old names of keys."""
+    if isinstance(value, list):
+        return [_with_current_keys(item, f"{place}[{i}]") for i, item in enumerate(value)]
+    if not isinstance(value, dict):
+        return value
+    current = with_current_keys(value, place)
+    for key in _OF_KEY_PATHS & current.keys():
+        current[key] = _with_current_keys(current[key], f"{place}.{key}".lstrip("."))
+    return current
 
 
 def public_yaml(config: Mapping[str, Any]) -> str:
@@ -73,9 +97,19 @@ def public_yaml(config: Mapping[str, Any]) -> str:
     return yaml.safe_dump(hide_secrets_in(dict(config)), sort_keys=False)
 
 
-def read_named(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> dict[str, Any]:
-    """`read_yaml`, with the name of the file where it has none. Raises ConfigError."""
+def read_named(
+    path: Path,
+    overrides: Sequence[str],
+    model: type[BaseModel],
+    changes: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Read a configuration as `read_yaml`, whose name is that of the file where it has none.
+
+    `changes`: key path -> plain data, set after `overrides`. Raises ConfigError."""
     raw = read_yaml(path, overrides, model)
+    with at(path, ConfigError):
+        for key, value in (changes or {}).items():
+            put(raw, key, value)
     if "name" not in raw and not re.fullmatch(NAME, path.stem):
         other = re.sub(r"[^\w.-]+", "_", path.stem).lstrip(".-") or "mine"
         problem, expected = "the default is that of the file", "letters, digits and _.- alone"
@@ -100,13 +134,14 @@ def _override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel]
         value = parse_yaml(text)
     except YamlError as error:
         raise ConfigError(f"the value: {error}", place=f"--set {pair}") from None
+    key = current_key(key)
     if key.partition(".")[0] not in model.model_fields:
         raise unknown_key(key, model, place=f"--set {pair}")
     if key.startswith("grid."):  # its keys are key paths: grid."training.lr"
         grid = raw.setdefault("grid", {})
         if not isinstance(grid, dict):
             raise ConfigError(place=path, key="grid", expected="a mapping", found=repr(grid))
-        grid[key.removeprefix("grid.")] = value
+        grid[current_key(key.removeprefix("grid."))] = value
         return
     axes = raw["grid"] if isinstance(raw.get("grid"), dict) else {}
     for axis in axes:
@@ -118,10 +153,13 @@ def _override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel]
 
 
 def put(data: dict[str, Any], key_path: str, value: Any) -> None:
-    """Set the value at a dotted key path, in copies of the mappings on the way."""
+    """Set the value at a dotted key path, in copies of the mappings or settings on the way."""
     *parents, last = key_path.split(".")
     for key in parents:
         inner = data.get(key, {})
+        if isinstance(inner, BaseModel):
+            fields = type(inner).model_fields
+            inner = {fields[k].alias or k: getattr(inner, k) for k in inner.model_fields_set}
         if not isinstance(inner, dict):
             raise InputError(f"{key} is {inner!r}, not a mapping of keys", key=key_path)
         data[key] = data = dict(inner)

@@ -14,10 +14,11 @@ from pydantic import BaseModel
 from lidarplace.base.class_names import check_among
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.metrics import METRICS, RANKING
+from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
-from lidarplace.configuration.settings import found, shortened
+from lidarplace.configuration.settings import excerpt, shortened
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.recorded import LogScene
@@ -72,11 +73,14 @@ class Sweep:
     path: Path
 
 
-def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
+def read_sweep(
+    path: Path, overrides: Sequence[str] = (), changes: Mapping[str, Any] | None = None
+) -> Sweep:
     """Read `path`, apply `KEY=VALUE` overrides (values are YAML), check all and build the grid.
-    Raises ConfigError."""
-    raw = read_named(path, overrides, SweepFile)
-    with at(path, ConfigError):
+
+    `changes`: key path -> plain data, set after `overrides`. Raises ConfigError."""
+    raw = read_named(path, overrides, SweepFile, changes)
+    with at(path, ConfigError), plugin_folder(path.parent):
         sweep = build_sweep(raw, path)
         _check_mounts(sweep)
         return sweep
@@ -120,8 +124,8 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
                 key: reduce(getitem, key.split("."), plain) for _, own in rungs for key in own
             }
             axes |= set_by_rungs
-            if "judge" in axes:
-                axes["judge"] = point.judged_by
+            if "evaluator" in axes:
+                axes["evaluator"] = point.evaluator_name
             points.append(GridPoint(point, rig, axes, rung, tuple(set_by_rungs)))
     if not points:
         raise InputError("no point of the grid is left", key="exclude")
@@ -178,8 +182,8 @@ def _trained_rungs(common: Common, grid: Mapping[str, Any]) -> list[tuple[int, d
         for key in rung.set:
             if key in grid:
                 raise InputError("is an axis of the grid", key=f"{where}.{key}")
-            if key != "judge" and not key.startswith("training."):
-                expected = "judge or a key of training, such as training.epochs"
+            if key != "evaluator" and not key.startswith("training."):
+                expected = "evaluator or a key of training, such as training.epochs"
                 raise InputError(key=f"{where}.{key}", expected=expected)
         refuse_overlaps(rung.set, where, grid, "an axis of the grid")
         if rung.set:
@@ -196,9 +200,11 @@ def _check_rungs(common: Common, point: Point) -> None:
             raise InputError(f"{rung.by} is not among surrogate.names", key=f"{key}.by")
         if rung.by in RANKING and rung.by not in (*METRICS.own, *point.metrics):
             raise InputError(f"{rung.by} is not among metrics", key=f"{key}.by")
-        own = {key.removeprefix("training."): v for key, v in rung.set.items() if key != "judge"}
+        own = {
+            key.removeprefix("training."): v for key, v in rung.set.items() if key != "evaluator"
+        }
         shorter = point.training.model_copy(update=own)
-        cheaper = rung.set.get("judge") in ONE_FOR_ALL and point.judge not in ONE_FOR_ALL
+        cheaper = rung.set.get("evaluator") in ONE_FOR_ALL and point.evaluator not in ONE_FOR_ALL
         if rung.set and not cheaper and _effort(shorter) >= _effort(point.training):
             problem = "these trainings see as many frames as the full ones"
             fix = "lower training.epochs or training.frame_share"
@@ -238,23 +244,25 @@ def _effort(training: TrainingSettings) -> float:
 def _axes(raw: Mapping[str, Any]) -> dict[str, list[Any]]:
     grid = raw.get("grid") or {}
     if not isinstance(grid, dict):
-        raise InputError(key="grid", expected="a mapping of key paths", found=found(grid))
+        raise InputError(key="grid", expected="a mapping of key paths", found=excerpt(grid))
     for axis, values in grid.items():
         key = f"grid.{shortened(str(axis))}"
         if str(axis).partition(".")[0] not in Point.model_fields:
             raise unknown_key(str(axis), Point, key)
         if not isinstance(values, list) or not values:
-            raise InputError(key=key, expected="a list of at least 1 value", found=found(values))
+            raise InputError(key=key, expected="a list of at least 1 value", found=excerpt(values))
         seen = set()
         for value in values:
             if _key(value) in seen:
-                raise InputError(f"duplicate value {found(value)}", key=key)
+                raise InputError(f"duplicate value {excerpt(value)}", key=key)
             seen.add(_key(value))
     refuse_overlaps(grid, "grid")
-    names = [own.get("name", "command") for own in grid.get("judge", ()) if isinstance(own, dict)]
+    names = [
+        own.get("name", "command") for own in grid.get("evaluator", ()) if isinstance(own, dict)
+    ]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"duplicate name {found(name)} of commands", key="grid.judge")
+            raise InputError(f"duplicate name {excerpt(name)} of commands", key="grid.evaluator")
     points = math.prod(len(values) for values in grid.values())
     if points > MOST_POINTS:
         expected = f"at most {MOST_POINTS:,} points"
@@ -272,13 +280,13 @@ def _key(value: Any) -> Any:
 def _exclusions(rules: Any, grid: Mapping[str, list[Any]]) -> list[dict[str, set[Any]]]:
     """For every rule the excluded values of its axes, as `_key` has them."""
     if not isinstance(rules, list):
-        raise InputError(key="exclude", expected="a list of mappings", found=found(rules))
+        raise InputError(key="exclude", expected="a list of mappings", found=excerpt(rules))
     known = {axis: {_key(value) for value in values} for axis, values in grid.items()}
     checked = []
     for i, rule in enumerate(rules):
         if not isinstance(rule, dict) or not rule:
             expected = "a mapping of axes to values"
-            raise InputError(key=f"exclude[{i}]", expected=expected, found=found(rule))
+            raise InputError(key=f"exclude[{i}]", expected=expected, found=excerpt(rule))
         lists = {key: v if isinstance(v, list) else [v] for key, v in rule.items()}
         for key, values in lists.items():
             where = f"exclude[{i}].{shortened(str(key))}"
@@ -287,7 +295,7 @@ def _exclusions(rules: Any, grid: Mapping[str, list[Any]]) -> list[dict[str, set
                 raise InputError("no axis of the grid", key=where, expected=expected)
             for value in values:
                 if _key(value) not in known[key]:
-                    expected = f"one of {found(grid[key])}"
-                    raise InputError(key=where, expected=expected, found=found(value))
+                    expected = f"one of {excerpt(grid[key])}"
+                    raise InputError(key=where, expected=expected, found=excerpt(value))
         checked.append({key: set(map(_key, values)) for key, values in lists.items()})
     return checked

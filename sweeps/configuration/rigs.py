@@ -19,10 +19,17 @@ class Rigs:
     """Own placements and the paper's by name, with the LiDARs and in the weather of points. A rig
     that is asked for again is the same object."""
 
-    def __init__(self, own: Mapping[str, SweptPlacementSettings], first: Point) -> None:
-        """Build own placements as the first point has them. Raises ValueError, as `of` does."""
+    def __init__(
+        self,
+        own: Mapping[str, SweptPlacementSettings],
+        first: Point,
+        built: Mapping[str, Placement] | None = None,
+    ) -> None:
+        """Build own placements as the first point has them; `built` are the same for all points.
+
+        Raises ValueError, as `of` does."""
         check_names(own)
-        self.own = own
+        self.own, self._ready = own, built or {}
         self._built = cache(self._build)
         self._in_weather = cache(Lidar.in_weather)
         self._subset = cache(_subset)
@@ -35,6 +42,8 @@ class Rigs:
         ValueError: there is none of that name, two of its LiDARs are in one place, the weather does
         not fit them, or LiDARs of a recorded rig are not those of the point's scene."""
         name, subset = name or point.placement, None
+        if name in self._ready:
+            return self._ready[name]
         if names := self.recorded(name):
             with at(key=f"{name}.recorded"):
                 subset = self._subset(point.scene, point.lidar, names)
@@ -55,7 +64,7 @@ class Rigs:
         elif name in PAPER_PLACEMENTS:
             rig = PAPER_PLACEMENTS[name].with_lidar(lidar)
         else:
-            known = [*PAPER_PLACEMENTS, *self.own]
+            known = [*PAPER_PLACEMENTS, *self.own, *self._ready]
             hint = did_you_mean(name, known)
             raise InputError(f"no placement {name!r}{hint}", expected=f"one of {', '.join(known)}")
         return rig.each_lidar(lambda own: self._in_weather(own, weather))

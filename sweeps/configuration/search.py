@@ -135,7 +135,7 @@ class ObjectiveSettings(Settings):
         description="a surrogate of the POG or of objects, a measured value, the price, the power, "
         "or the margin: the smallest ratio of found to needed over all requirements"
     )
-    judge: Literal["generalist", "pretrained"] | None = Field(
+    evaluator: Literal["generalist", "pretrained"] | None = Field(
         None,
         description="who measures a measured value: "
         "generalist: one detector, trained on many rigs of the space, evaluates a trial in "
@@ -167,7 +167,7 @@ class ObjectiveSettings(Settings):
         of_classes = self.by in (*SURROGATES, *RANKING)
         if self.weights is not None and not (of_classes and self.weights):
             raise InputError(f"{self.by} has no classes", key="weights")
-        if self.judged and not self.measured:
+        if self.uses_generalist and not self.measured:
             problem = f"{self.by} is not measured by a detector"
             raise InputError(problem, expected=", ".join(RANKING))
         if self.also and not (self.measured and all(part.measured for part in self.parts)):
@@ -179,7 +179,7 @@ class ObjectiveSettings(Settings):
     @property
     def name(self) -> str:
         """Such as `expected_ig.Car`, or `expected_ig` for a sum over classes."""
-        by = f"{self.judge}.{self.by}" if self.judged else str(self.by)
+        by = f"{self.evaluator}.{self.by}" if self.uses_generalist else str(self.by)
         if self.weights is not None and len(self.weights) == 1:
             by = f"{by}.{next(iter(self.weights))}"
         return " and ".join((by, *self.also))
@@ -210,17 +210,17 @@ class ObjectiveSettings(Settings):
         return self.by in RANKING
 
     @property
-    def judged(self) -> bool:
+    def uses_generalist(self) -> bool:
         """Whether a generalist measures it."""
-        return self.judge is not None
+        return self.evaluator is not None
 
 
 def _objective(value: Any) -> Any:
     if not isinstance(value, str):
         return value
     how: dict[str, Any] = {}
-    if (judge := value.partition(".")[0]) in (GENERALIST, PRETRAINED):
-        how |= {"judge": judge}
+    if (evaluator := value.partition(".")[0]) in (GENERALIST, PRETRAINED):
+        how |= {"evaluator": evaluator}
         value = value.partition(".")[2] or DEFAULT_METRIC
     value, *also = (part.strip() for part in value.split(" and "))
     module, colon, value = value.rpartition(":")
@@ -346,7 +346,7 @@ class SearchSettings(Settings):
         tuple[Annotated[ObjectiveSettings, BeforeValidator(_objective)], ...],
         BeforeValidator(_several),
     ] = Field(
-        (ObjectiveSettings(by=DEFAULT_METRIC, judge=GENERALIST),),
+        (ObjectiveSettings(by=DEFAULT_METRIC, evaluator=GENERALIST),),
         min_length=1,
         description="one or several; expected_ig.Car is short for one class; generalist by default",
     )
@@ -400,7 +400,7 @@ class SearchSettings(Settings):
         measured = [objective for objective in self.objective if objective.measured]
         if measured and any(o.of_traffic for o in self.objective):
             raise InputError("measured values and surrogates cannot be combined", key="objective")
-        for name in (o.name for o in measured if not o.judged):
+        for name in (o.name for o in measured if not o.uses_generalist):
             expected = f"generalist.{name} or pretrained.{name}"
             raise InputError(key="objective", expected=expected, found=name)
         if measured:
@@ -412,7 +412,7 @@ class SearchSettings(Settings):
                 if getattr(self, key) != type(self).model_fields[key].default:
                     raise InputError("applies only to objectives of a generalist", key=key)
         if self.adapt is not None:
-            if not all(o.judge == PRETRAINED or not o.measured for o in self.objective):
+            if not all(o.evaluator == PRETRAINED or not o.measured for o in self.objective):
                 raise InputError("is for an objective that begins with pretrained", key="adapt")
             if not measured or self.adapt >= self.trials:
                 raise InputError(key="adapt", expected="fewer than `trials`", found=self.adapt)
@@ -433,7 +433,7 @@ class SearchSettings(Settings):
 
     @property
     def first_families(self) -> int:
-        default = FAMILIES if self.objective[0].judged else 0
+        default = FAMILIES if self.objective[0].uses_generalist else 0
         return default if self.families is None else self.families
 
     @property
@@ -507,7 +507,7 @@ class SearchSettings(Settings):
         own = self.constraints.model_dump().items()
         limits = [k for k, v in own if v is not None and (k, v) != ("distance", 0)]
         # A generalist does not evaluate what breaks a constraint, and CMA-ES draws another.
-        if limits and not self.objective[0].judged:
+        if limits and not self.objective[0].uses_generalist:
             problem = f"cmaes ignores constraints ({', '.join(limits)})"
             fix = "use tpe, gp, nsga2 or nsga3, or remove them (constraints.distance: 0)"
             raise InputError(problem, key="sampler", fix=fix)

@@ -44,7 +44,7 @@ from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.routes import KEEP_M
 from lidarplace.scenes.sumo.settings import SumoScene
-from sweeps.configuration.command import CommandJudge, Judge
+from sweeps.configuration.evaluator import Evaluator, EvaluatorCommand
 from tracking.mlflow.uri import sqlite_uri
 from training import DETECTORS
 from training.settings import TrainingSettings
@@ -252,7 +252,7 @@ class Point(Settings):
     surrogate: SurrogateSettings = Field(SurrogateSettings(), description="scores of a placement")
     training: TrainingSettings = Field(TrainingSettings(), description="how detectors are trained")
     metrics: tuple[MetricName, ...] = Field((), description="further metrics, of plug-ins")
-    judge: Judge = Field(
+    evaluator: Evaluator = Field(
         "specialist",
         description="which detector evaluates a placement: specialist: one trained for it; "
         "generalist: one trained on many other rigs, in seconds a placement; finetuned: a "
@@ -320,14 +320,16 @@ class Point(Settings):
         return {name: iou for name, iou in own.items() if iou is not None}
 
     @property
-    def judged_by(self) -> str:
-        return self.judge.name if isinstance(self.judge, CommandJudge) else self.judge
+    def evaluator_name(self) -> str:
+        return (
+            self.evaluator.name if isinstance(self.evaluator, EvaluatorCommand) else self.evaluator
+        )
 
     @property
-    def detected_by(self) -> str | None:
+    def detector_name(self) -> str | None:
         """What tables call the detector, which may be a command; None: there is none."""
-        by_command = isinstance(self.judge, CommandJudge) and self.detector is not None
-        return self.judged_by if by_command else self.detector
+        by_command = isinstance(self.evaluator, EvaluatorCommand) and self.detector is not None
+        return self.evaluator_name if by_command else self.detector
 
     def voxel_roi(self) -> Roi:
         return Roi(self.roi.x, self.roi.y, self.roi.z, self.surrogate.resolution)

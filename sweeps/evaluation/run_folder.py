@@ -14,13 +14,11 @@ from lidarplace.command_line.invocation import called
 from lidarplace.files.atomic import write_text
 from lidarplace.files.regular import is_there
 from sweeps.configuration.file import public_yaml
-from sweeps.evaluation.asked import Asked
+from sweeps.evaluation.request import EvaluationRequest
 from sweeps.results.failure_frames import frames_of
 from sweeps.results.object_tables import ABOUT, found_in
-from sweeps.results.run_folder import OF_EVALUATION
 from sweeps.results.trial_results import Cell, with_columns
-from sweeps.tasks.results import Evaluated
-from sweeps.tasks.stages import evaluated
+from sweeps.stages.evaluate import EVALUATION_TABLES, EvaluationResult, evaluate_detections
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.arrays import FailureFrames
@@ -30,15 +28,17 @@ from tracking.run_folders.sweep_json import Frames, SweepResult
 DETECTOR = "own"
 """What tables call the detector that made them."""
 
-Worth = Mapping[str, Sequence[Evaluated]]
+Worth = Mapping[str, Sequence[EvaluationResult]]
 """What the detections of a rig are worth, by its name and by training."""
 
 
-def evaluate_rigs(asked: Asked) -> Worth:
+def evaluate_rigs(asked: EvaluationRequest) -> Worth:
     """Compare the detections of every rig with the objects that count."""
     test = asked.test
     return {
-        name: [evaluated(test.objects, own, test.routes, test.classes, {}) for own in seeds]
+        name: [
+            evaluate_detections(test.objects, own, test.routes, test.classes, {}) for own in seeds
+        ]
         for name, seeds in asked.rigs.items()
     }
 
@@ -48,7 +48,7 @@ def results_of(found: Worth) -> tuple[pd.DataFrame, pd.DataFrame]:
     return _stack(found, "metrics"), _stack(found, "left_out")
 
 
-def _trials(found: Worth) -> list[tuple[dict[str, Cell], Evaluated]]:
+def _trials(found: Worth) -> list[tuple[dict[str, Cell], EvaluationResult]]:
     return [
         ({"trial": f"{name}/{seed}", "placement": name, "detector": DETECTOR, "seed": seed}, own)
         for name, seeds in found.items()
@@ -68,8 +68,13 @@ def check_free(folder: Path) -> None:
         raise InputError("is the run folder of a sweep", place=str(folder), fix=fix)
 
 
-def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> None:
-    """Write all that reports read. The judge is "generalist" if one network made all detections."""
+def write_evaluation(
+    folder: Path, found: Worth, asked: EvaluationRequest, evaluator: str
+) -> tuple[Analysis, FailureFrames | None]:
+    """Write all that reports read; return the analysis of the folder and the frames to show.
+
+    The evaluator is "generalist" if one network made all detections.
+    """
     test = asked.test
     folder.mkdir(parents=True, exist_ok=True)
     trials = _trials(found)
@@ -78,8 +83,9 @@ def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> No
     keys = ["split", "scene", "route", "class", "object_id"]
     individuals = objects.merge(test.routes[["frame", "split"]], on="frame").value_counts(keys)
     write_text(folder / "config.yaml", public_yaml({"command": called(), "notes": [*asked.notes]}))
-    for table, field in OF_EVALUATION.items():
-        table.write(_stack(found, field), folder)
+    tables = {table.name: table for table in contract.TABLES}
+    for field, name in EVALUATION_TABLES.items():
+        tables[name].write(_stack(found, field), folder)
     contract.FOUND.write(pd.concat([_found(objects, own, place) for place, own in trials]), folder)
     contract.SURROGATES.write(pd.DataFrame(), folder)
     contract.OBJECTS.write(objects, folder)
@@ -96,18 +102,20 @@ def write_evaluation(folder: Path, found: Worth, asked: Asked, judge: str) -> No
         roi=test.roi,
         frames=Frames(train=0, test=len(test.log.frames)),
         cautions=tuple(asked.cautions),
-        judge=judge,
+        evaluator=evaluator,
         detections={name: tuple(own) for name, own in asked.paths.items()},
     ).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
-    compared = Analysis.of(RunFolder.read(folder)).pair
-    if compared is not None:
+    analysis, frames = Analysis(RunFolder.read(folder)), None
+    if analysis.pair is not None:
         boxes = {str(place["trial"]): own.detections for place, own in trials}
         none = np.zeros((0, 4), np.float32)
-        frames_of(compared, boxes, lambda trial, frame: none).write(folder)
+        frames = frames_of(analysis.pair, boxes, lambda trial, frame: none)
+        frames.write(folder)
+    return analysis, frames
 
 
-def _found(objects: pd.DataFrame, own: Evaluated, place: Mapping[str, Cell]) -> pd.DataFrame:
+def _found(objects: pd.DataFrame, own: EvaluationResult, place: Mapping[str, Cell]) -> pd.DataFrame:
     """Whether each object was found; how many points were on it is not known."""
     hit = found_in(objects, own.detections)
     return pd.DataFrame({"trial": place["trial"], "object": objects["object"], "found": hit})

@@ -1,4 +1,4 @@
-"""Where calls run: on Ray, or in this process."""
+"""Backends that run calls: Ray, or this process."""
 
 import math
 import time
@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.failures import Failure
-from sweeps.execution.memory import Need
+from sweeps.stages.stage import Need
 
 T = TypeVar("T")
 
@@ -26,12 +26,12 @@ class BackendLost(RuntimeError):
 
 
 class WorkerDied(BackendLost):
-    """What ran a call died, more than once."""
+    """The worker that ran a call died, more than once."""
 
 
 @dataclass(frozen=True)
 class Room:
-    """What the machines have for trainings together: GPUs, and memory in bytes."""
+    """Resources of all machines together for trainings: GPUs, and memory in bytes."""
 
     gpus: float = math.inf
     memory: float = math.inf
@@ -39,38 +39,45 @@ class Room:
 
 @dataclass(frozen=True, eq=False)
 class Later(Generic[T]):
-    """A call in this process, made when its result is asked for."""
+    """A call in this process, which runs when its result is read."""
 
     function: Callable[..., T]
     arguments: Sequence[Any]
 
     def result(self) -> T:
-        """What the call returned, once it has ended. What it raised is raised; and WorkerDied:
-        there is no result, BackendLost: no call can end any more."""
+        """Return the result of the call once it has ended, or raise its error.
+
+        Raises WorkerDied: there is no result; BackendLost: no call can end any more.
+        """
         return self.function(*self.arguments)
 
 
 class InProcess:
-    """Runs one call after the other in this process: `ray: debug`, for a debugger. A backend has a
-    share of a GPU that a training gets, calls to hand out at once, what trainings share, and calls
-    that run at once."""
+    """Backend that runs one call after the other in this process: `ray: debug`, for a debugger.
+
+    Attributes:
+        gpus_per_training: share of a GPU that a training gets.
+        slots: calls to hand out at once.
+        room: resources that trainings share.
+        cores: calls that run at once.
+    """
 
     slots = cores = 1
     room = Room()
     gpus_per_training = 1.0
 
     def share(self, value: T) -> T:
-        """`value` as an argument of many calls: each machine gets it once."""
+        """Return `value` as an argument of many calls, of which each machine gets one copy."""
         return value
 
     def submit(
         self, function: Callable[..., T], *arguments: Any, name: str = "", need: Need = Need()
     ) -> Later[T]:
-        """Start a call of a function of a module, which a person calls `name`."""
+        """Start a call of a function of a module; `name` names it for people."""
         return Later(function, arguments)
 
     def wait(self, jobs: Sequence[Any]) -> Any:
-        """A job that has ended; None if none has for a while. Raises BackendLost."""
+        """Return a job that has ended; None if none has for a while. Raises BackendLost."""
         return jobs[0]
 
 
@@ -88,8 +95,11 @@ class RayJob(Generic[T]):
 
 
 class OnRay:
-    """As `InProcess`, as Ray tasks. Ray tries again what a dying machine took down, and machines
-    may come and go. `start` gives Ray, initialised, when machines are first asked for."""
+    """Backend that runs calls as Ray tasks; attributes as of `InProcess`.
+
+    Ray retries calls that a dying machine ran, and machines may come and go. `start` returns Ray,
+    initialised, when machines are first needed.
+    """
 
     def __init__(self, start: Callable[[], Any], settings: RaySettings) -> None:
         self._start = start
@@ -111,7 +121,7 @@ class OnRay:
 
     @property
     def slots(self) -> int:
-        return self.cores + 1  # one more waits at Ray's door: no core idles while the driver thinks
+        return self.cores + 1  # one more is queued by Ray: no core idles while the driver thinks
 
     @property
     def room(self) -> Room:
@@ -119,7 +129,7 @@ class OnRay:
         return Room(self._resources.get("GPU", 0) or math.inf, self._resources.get("memory", 0))
 
     def share(self, value: T) -> T:
-        shared: T = self._ray.put(value)  # Ray puts the value in the place of its reference
+        shared: T = self._ray.put(value)  # Ray replaces the reference by the value
         return shared
 
     def submit(
@@ -128,7 +138,7 @@ class OnRay:
         self._look()
         run = self._run.options(
             name=name,
-            # What no machine has would wait for ever: it gets the largest machine to itself.
+            # A call that needs more than any machine has would wait for ever: it gets the largest.
             num_cpus=min(need.cpus, int(self._largest["CPU"])),
             num_gpus=min(need.gpu_share, self._largest["GPU"]),
             memory=min(need.memory, int(self._largest["memory"])),
@@ -142,7 +152,7 @@ class OnRay:
         return by_reference[ended[0]] if ended else None
 
     def _look(self) -> None:
-        """Ask Ray what there is, now and then: machines come and go."""
+        """Update the resources of Ray now and then, as machines come and go."""
         now = time.monotonic()
         if now - self._looked > _LOOK_S:
             self._looked = now
@@ -162,7 +172,7 @@ def _call(folder: str, function: Callable[..., T], *arguments: Any) -> T:
 
 @contextmanager
 def _translated(ray: Any) -> Iterator[None]:
-    """Ray's errors as those of `Later.result`."""
+    """Raise errors of Ray as those of `Later.result`."""
     try:
         yield
     except ray.exceptions.RayTaskError as error:
@@ -181,8 +191,10 @@ Job = Later[T] | RayJob[T]
 
 @contextmanager
 def backend_for(settings: RaySettings) -> Iterator[Backend]:
-    """The backend that `ray:` asks for, shut down at the end with all calls that still run. What
-    `ray_session` raises comes from the first use."""
+    """Return the backend that `ray:` names, shut down at the end with all calls that still run.
+
+    Errors of `ray_session` come from its first use.
+    """
     if settings.address == "debug":
         yield InProcess()
         return

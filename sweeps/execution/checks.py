@@ -1,4 +1,4 @@
-"""What a machine has of what sweeps need: one plain function a check."""
+"""Checks of what sweeps need of a machine: one function a check."""
 
 from __future__ import annotations
 
@@ -49,64 +49,67 @@ except ValueError as error:
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a check found, in one line. `state`: "good"; "weak": works, but worse than it could;
-    "optional": not there, and not asked for; "missing": needed and not there. `remedy`: one command
-    or step that mends it."""
+class CheckResult:
+    """The result of a check.
+
+    `found`: a line. `state`: "good"; "weak": works, but worse than it could; "optional": missing,
+    and not needed; "missing": needed and missing. `remedy`: one command or step that mends it.
+    """
 
     found: str
     state: State = "good"
     remedy: str = ""
 
 
-def packages(extra: str | None, needed: bool) -> Found:
-    """The packages of an extra of this project, or those of every installation."""
+def packages(extra: str | None, needed: bool) -> CheckResult:
+    """Check the packages of an extra of this project, or those of every installation."""
     missing: State = "missing" if needed else "optional"
     try:
         wanted = _requirements(extra)
     except PackageNotFoundError:
-        return Found("this project is not installed", missing, "make setup")
+        return CheckResult("this project is not installed", missing, "make setup")
     if not wanted:
-        found = "this project was installed before it had a use for it"
-        return Found(found, missing, _install(["--editable", f".[{extra}]"]))
-    wrong, versions = {}, []
+        problem = "this project was installed before it had a use for it"
+        return CheckResult(problem, missing, _install(["--editable", f".[{extra}]"]))
+    faults, versions = {}, []
     for requirement in wanted:
         try:
-            there = version(requirement.name)
+            installed = version(requirement.name)
         except PackageNotFoundError:
-            wrong[_text(requirement)] = f"{requirement.name} is missing"
+            faults[_text(requirement)] = f"{requirement.name} is missing"
             continue
-        versions.append(f"{requirement.name} {there}")
-        if not requirement.specifier.contains(there, prereleases=True):
-            wrong[_text(requirement)] = f"{versions[-1]}, needed {requirement.specifier}"
-    if wrong:
-        remedy = _install(list(wrong))
-        if any(text.startswith("torch") for text in wrong) and shutil.which("nvidia-smi") is None:
+        versions.append(f"{requirement.name} {installed}")
+        if not requirement.specifier.contains(installed, prereleases=True):
+            faults[_text(requirement)] = f"{versions[-1]}, needed {requirement.specifier}"
+    if faults:
+        remedy = _install(list(faults))
+        if any(text.startswith("torch") for text in faults) and shutil.which("nvidia-smi") is None:
             remedy = f"{_CPU_SETUP}, without the 5 GB of CUDA that {remedy} brings"
-        return Found("; ".join(wrong.values()), missing, remedy)
-    return Found(", ".join(versions) if len(versions) < 4 else f"{len(versions)} packages")
+        return CheckResult("; ".join(faults.values()), missing, remedy)
+    return CheckResult(", ".join(versions) if len(versions) < 4 else f"{len(versions)} packages")
 
 
-def gpu() -> Found:
+def gpu() -> CheckResult:
+    """Check for a GPU, and that torch is built for it."""
     import torch
 
     build = f"torch {torch.__version__}"
     if torch.cuda.is_available():
         names = [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())]
-        return Found(f"{', '.join(names)}; {build}")
+        return CheckResult(f"{', '.join(names)}; {build}")
     if shutil.which("nvidia-smi") is None:
         smaller = f"in a new environment, 5 GB less: {_CPU_SETUP}" if torch.version.cuda else ""
-        return Found(f"none; {build} trains on the CPU", "optional", smaller)
+        return CheckResult(f"none; {build} trains on the CPU", "optional", smaller)
     if torch.version.cuda is None:
-        return Found(f"there is one, but {build} is built for the CPU", "weak", _GPU_SETUP)
-    found = f"there is one, but {build} cannot use it"
-    return Found(found, "weak", f"nvidia-smi, then {_GPU_SETUP}")
+        return CheckResult(f"there is one, but {build} is built for the CPU", "weak", _GPU_SETUP)
+    problem = f"there is one, but {build} cannot use it"
+    return CheckResult(problem, "weak", f"nvidia-smi, then {_GPU_SETUP}")
 
 
-def ray(address: str) -> Found:
-    """Ray starts, or the cluster is joined, and runs a task on one thread."""
+def ray(address: str) -> CheckResult:
+    """Check that Ray starts, or the cluster is joined, and runs a task on one thread."""
     if address == "debug":
-        return Found("not used: ray is debug")
+        return CheckResult("not used: ray is debug")
     process = subprocess.Popen(
         [sys.executable, "-c", _RAY_TASK, address],
         stdout=subprocess.PIPE,
@@ -119,23 +122,23 @@ def ray(address: str) -> Found:
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
-        return Found(f"no task ended within {_RAY_S:.0f} s", "missing", _ray_remedy(address))
+        return CheckResult(f"no task ended within {_RAY_S:.0f} s", "missing", _ray_remedy(address))
     if process.returncode:
-        found = (err.strip().splitlines() or [f"exit code {process.returncode}"])[-1]
-        return Found(found, "missing", _ray_remedy(address))
+        problem = (err.strip().splitlines() or [f"exit code {process.returncode}"])[-1]
+        return CheckResult(problem, "missing", _ray_remedy(address))
     cpus, threads = out.split()[-2:]
-    found = f"{version('ray')}, {address}: {cpus} CPUs, a task has {threads} thread"
+    text = f"{version('ray')}, {address}: {cpus} CPUs, a task has {threads} thread"
     if threads != "1":
-        return Found(f"{found}s", "weak", "unset NUMBA_NUM_THREADS")
-    return Found(found)
+        return CheckResult(f"{text}s", "weak", "unset NUMBA_NUM_THREADS")
+    return CheckResult(text)
 
 
 SUMO_LIBRARIES = ("libatomic1", "libexpat1", "libgl1", "libx11-6", "libxext6", "libxrender1")
 """Debian's packages of the libraries that SUMO links and its wheel lacks."""
 
 
-def sumo(needed: bool) -> Found:
-    """Eclipse SUMO: its library, and the program that generates towns."""
+def sumo(needed: bool) -> CheckResult:
+    """Check the library of Eclipse SUMO, and the program that generates towns."""
     from lidarplace.scenes.sumo.town import sumo_home
 
     missing: State = "missing" if needed else "optional"
@@ -143,114 +146,118 @@ def sumo(needed: bool) -> Found:
     try:
         program = sumo_home() / "bin" / "netgenerate"
     except ImportError as error:
-        found = f"{error.__cause__ or error}"
-        if "shared object file" in found:  # as on a server without a desktop
+        problem = f"{error.__cause__ or error}"
+        if "shared object file" in problem:  # as on a server without a desktop
             remedy = f"apt-get install {' '.join(SUMO_LIBRARIES)}"
-        return Found(found, missing, remedy)
+        return CheckResult(problem, missing, remedy)
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             [program, "--version"], capture_output=True, text=True, timeout=60, check=True
         )
     except (OSError, subprocess.SubprocessError) as error:
-        return Found(f"{program}: {error}", missing, f"{remedy} --force")
-    return Found(done.stdout.splitlines()[0].strip())
+        return CheckResult(f"{program}: {error}", missing, f"{remedy} --force")
+    return CheckResult(process.stdout.splitlines()[0].strip())
 
 
-def disk(folder: Path, cleaned: str) -> Found:
-    """Space, inodes and the right to write where results lie; `cleaned` is what `lidarplace clean`
-    takes to make room."""
+def disk(folder: Path, cleaned: str) -> CheckResult:
+    """Check space, inodes and the right to write in the folder of results.
+
+    `cleaned`: argument of `lidarplace clean` that makes room.
+    """
     try:
         existing = check_takes_files(folder)
     except OSError as error:
         return _not_writable(error, "name another output or store in the file")
     free, inodes = shutil.disk_usage(existing).free, os.statvfs(existing)
     files = inodes.f_favail if inodes.f_files else math.inf  # some file systems do not count them
-    found = f"{free / _GB:,.0f} GB free" + (f", {files:,} files" if inodes.f_files else "")
+    text = f"{free / _GB:,.0f} GB free" + (f", {files:,} files" if inodes.f_files else "")
     if free >= 20 * _GB and files >= 200_000:
-        return Found(found)
+        return CheckResult(text)
     state: State = "missing" if free < _GB or files < 5_000 else "weak"
-    return Found(found, state, f"{command('clean', cleaned)}, or another output in the file")
+    return CheckResult(text, state, f"{command('clean', cleaned)}, or another output in the file")
 
 
-def memory() -> Found:
-    """RAM against the number of CPUs, each of which runs a task."""
+def memory() -> CheckResult:
+    """Check RAM against the number of CPUs, each of which runs a task."""
     total, available, cpus = *machine_memory(), os.cpu_count() or 1
-    found = f"{total / _GB:.0f} GB, {available / _GB:.0f} GB free, {cpus} CPUs"
+    text = f"{total / _GB:.0f} GB, {available / _GB:.0f} GB free, {cpus} CPUs"
     fitting = int(available / _GB / 2)
     if fitting >= cpus:
-        return Found(found)
+        return CheckResult(text)
     remedy = f"--set ray.num_cpus={max(1, fitting)}"
-    return Found(found, "weak" if fitting else "missing", remedy)
+    return CheckResult(text, "weak" if fitting else "missing", remedy)
 
 
-def shared_memory() -> Found:
-    """/dev/shm, where Ray keeps its objects; a sweep's results go through files."""
+def shared_memory() -> CheckResult:
+    """Check /dev/shm, where Ray keeps its objects; results of a sweep go through files."""
     free = shutil.disk_usage("/dev/shm").free
-    found = f"{free / _GB:.1f} GB free in /dev/shm"
+    text = f"{free / _GB:.1f} GB free in /dev/shm"
     remedy = "mount -o remount,size=2G /dev/shm (docker: --shm-size=2g)"
-    return Found(found) if free >= 0.1 * _GB else Found(found, "weak", remedy)
+    return CheckResult(text) if free >= 0.1 * _GB else CheckResult(text, "weak", remedy)
 
 
-def mlflow(uri: str) -> Found:
-    """MLflow's database can be made, or its server answers. Asks only a server that is named."""
+def mlflow(uri: str) -> CheckResult:
+    """Check that MLflow's database can be made, or that the server at `uri` answers."""
     from tracking.mlflow.connection import connect, reason
     from tracking.mlflow.uri import absolute_uri, sqlite_file
 
-    shown, remedy = public_url(uri), "correct tracking.uri in the file"
+    public, remedy = public_url(uri), "correct tracking.uri in the file"
     try:
         uri = absolute_uri(uri)
         if (file := sqlite_file(uri)) is not None:
             try:
                 check_takes_files(file.parent)
                 if not file.exists():
-                    return Found(f"{shown}, made at need")
+                    return CheckResult(f"{public}, made at need")
                 file.open("r+b").close()
             except OSError as error:
                 return _not_writable(error, remedy)
         connect(uri).search_experiments(max_results=1)
     except Exception as error:  # each kind of server has its own
-        found = hide_secrets(f"{shown}: {reason(error, uri)}", uri)
+        problem = hide_secrets(f"{public}: {reason(error, uri)}", uri)
         start = "" if sqlite_file(uri) else "start the server or the database, or "
-        return Found(found, "missing", f"{start}{remedy}")
-    return Found(f"{shown} answers")
+        return CheckResult(problem, "missing", f"{start}{remedy}")
+    return CheckResult(f"{public} answers")
 
 
-def remote_store(url: str) -> Found:
-    """The store at a URL can be written. Asks the server that the configuration names."""
+def remote_store(url: str) -> CheckResult:
+    """Check that the store at a URL, which the configuration names, can be written."""
     import fsspec
 
     try:
         filesystem, root = fsspec.core.url_to_fs(url)
     except ImportError as error:
         package = getattr(error.__cause__, "name", None)
-        return Found(str(error), "missing", _install([str(package)]))
+        return CheckResult(str(error), "missing", _install([str(package)]))
     except ValueError as error:
-        return Found(hide_secrets(str(error), url), "missing", "correct store.url in the file")
+        return CheckResult(
+            hide_secrets(str(error), url), "missing", "correct store.url in the file"
+        )
     probe = f"{root}/.doctor-{platform.node()}-{os.getpid()}"
     try:
         filesystem.makedirs(root, exist_ok=True)
         filesystem.pipe_file(probe, b"written by lidarplace doctor")
         filesystem.rm_file(probe)
     except Exception as error:  # every kind of store has its own errors
-        found = hide_secrets(f"cannot be written: {type(error).__name__}: {error}", url)
-        return Found(found, "missing", "correct store.url or its credentials")
-    return Found("can be written")
+        problem = hide_secrets(f"cannot be written: {type(error).__name__}: {error}", url)
+        return CheckResult(problem, "missing", "correct store.url or its credentials")
+    return CheckResult("can be written")
 
 
 def _requirements(extra: str | None, package: str = "lidarplace") -> list[Requirement]:
-    """What a package asks for with an extra, or without any. Raises PackageNotFoundError."""
+    """List what a package requires with an extra, or without. Raises PackageNotFoundError."""
     from packaging.requirements import Requirement
 
-    found = []
+    requirements = []
     for requirement in map(Requirement, requires(package) or []):
         marker = requirement.marker
         always = marker is None or marker.evaluate({"extra": ""})
         if always if not extra else not always and marker and marker.evaluate({"extra": extra}):
-            found.append(requirement)
+            requirements.append(requirement)
             for further in requirement.extras:
-                with suppress(PackageNotFoundError):  # it is missing itself, which is found
-                    found += _requirements(further, requirement.name)
-    return found
+                with suppress(PackageNotFoundError):  # it is missing itself, which is reported
+                    requirements += _requirements(further, requirement.name)
+    return requirements
 
 
 def _text(requirement: Requirement) -> str:
@@ -260,8 +267,9 @@ def _text(requirement: Requirement) -> str:
 
 def _install(requirements: Sequence[str]) -> str:
     python = Path(sys.executable)
-    shown = python.relative_to(Path.cwd()) if python.is_relative_to(Path.cwd()) else python
-    return shlex.join([str(shown), "-m", "pip", "install", *requirements])
+    if python.is_relative_to(Path.cwd()):
+        python = python.relative_to(Path.cwd())
+    return shlex.join([str(python), "-m", "pip", "install", *requirements])
 
 
 def _ray_remedy(address: str) -> str:
@@ -269,5 +277,5 @@ def _ray_remedy(address: str) -> str:
     return head if address != "local" else "--set ray=debug, to run without Ray"
 
 
-def _not_writable(error: OSError, remedy: str) -> Found:
-    return Found(f"{error.filename}: {error.strerror}", "missing", remedy)
+def _not_writable(error: OSError, remedy: str) -> CheckResult:
+    return CheckResult(f"{error.filename}: {error.strerror}", "missing", remedy)

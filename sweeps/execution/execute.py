@@ -8,27 +8,36 @@ from typing import Protocol
 
 from sweeps.execution.backends import Backend, Job, WorkerDied
 from sweeps.execution.failures import Failure
-from sweeps.execution.memory import Need, need_of
 from sweeps.execution.schedule import Schedule
 from sweeps.execution.worker import Ended, try_task
+from sweeps.stages.stage import Need
+from sweeps.stages.task import Task
+from sweeps.stages.train import FinetuneStage
 from sweeps.store.local import Store
 from sweeps.store.result_folder import DamagedResult
-from sweeps.tasks.task import Task
 from training.settings import LARGEST_BATCH
 
 
 class Listener(Protocol):
     """Receives task events; all calls come from the driver."""
 
-    def started(self, task: Task) -> None: ...
-    def finished(self, task: Task) -> None: ...
-    def failed(self, task: Task, failure: Failure) -> None: ...
+    def started(self, task: Task) -> None:
+        """Receive a task that starts."""
+
+    def finished(self, task: Task) -> None:
+        """Receive a task whose result is stored."""
+
+    def failed(self, task: Task, failure: Failure) -> None:
+        """Receive a task without a result."""
 
 
 @dataclass
 class Outcome:
-    """By key, failures of tasks that had no result, and when a task began and ended on its worker,
-    seconds of the driver's `time.monotonic`."""
+    """What happened to tasks, by key.
+
+    `failures`: of tasks that had no result. `times`: when a task began and ended on its worker,
+    seconds of the driver's `time.monotonic`.
+    """
 
     failures: dict[str, Failure] = field(default_factory=dict)
     times: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -40,25 +49,28 @@ def execute(
     backend: Backend,
     listener: Listener,
     outcome: Outcome | None = None,
-    known: Mapping[str, Failure] | None = None,
+    lasting_failures: Mapping[str, Failure] | None = None,
 ) -> Outcome:
-    """Run all tasks, each after its inputs, that have no result in the store yet. One that fails
-    takes down those that need its result; the others go on. A training for which a GPU is too small
-    is tried again with half the batch, and the GPU to itself. `outcome` is of tasks that ran
-    before: it takes up what happens, and is returned. `known` are failures of earlier runs, by key,
-    which are not tried again. Raises DamagedResult: a result that a task needs was damaged, and is
-    gone; BackendLost: no task can end any more."""
+    """Run all tasks, each after its inputs, that have no result in the store yet.
+
+    If one fails, those that need its result fail, too; the others go on. A training for which a GPU
+    is too small is tried again with half the batch, and the GPU to itself. `outcome` is of tasks
+    that ran before: it is updated and returned. `lasting_failures`, of earlier runs and by key, are
+    not tried again. Raises DamagedResult: a result that a task needs was damaged, and is removed;
+    BackendLost: no task can end any more.
+    """
     outcome = Outcome() if outcome is None else outcome
-    done = store.finished(tasks)
+    cached = store.finished(tasks)
     for item in tasks:
-        if item.key in done and item.resumable:  # it was stopped after its last step
+        if item.key in cached and item.stage.resumable:  # it was stopped after its last step
             store.discard(item)
-    known = dict(known or {}) | {k: f for k, f in outcome.failures.items() if f.lasting}
-    schedule = Schedule(tasks, done)
+    failures = dict(lasting_failures or {})
+    failures |= {key: failure for key, failure in outcome.failures.items() if failure.lasting}
+    schedule = Schedule(tasks, cached)
     run = _Execution(store, backend, listener, outcome, schedule)
     for item in tasks:
-        if item.key in known and item.key not in done | schedule.failed.keys():
-            run.fail(item, known[item.key])
+        if item.key in failures and item.key not in cached | schedule.failed.keys():
+            run.fail(item, failures[item.key])
     while True:
         run.hand_out()
         if not run.running:
@@ -71,8 +83,11 @@ def execute(
 
 @dataclass
 class _Execution:
-    """Tasks between their schedule and the backend: those that run, and what they asked for; and
-    how often the batch of a training is halved, by its key."""
+    """Tasks between their schedule and the backend.
+
+    `running`: jobs, with their tasks and needs. `halvings`: how often the batch of a training is
+    halved, by its key.
+    """
 
     store: Store
     backend: Backend
@@ -83,18 +98,18 @@ class _Execution:
     halvings: Counter[str] = field(default_factory=Counter)
 
     def hand_out(self) -> None:
-        """Start tasks while the backend takes some; it is not asked while there are none."""
+        """Start tasks while the backend takes some; without tasks it is not asked."""
         while not self.running or len(self.running) < self.backend.slots:
             if (task := self.schedule.next(gpu=self._has_room())) is None:
                 return
             if self.store.has(task):  # another driver was here in the meantime
                 self._finish(task)
                 continue
-            need = need_of(task, self.backend.gpus_per_training)
+            need = task.stage.need(self.backend.gpus_per_training)
             if halvings := self.halvings[task.key]:
                 need = replace(need, gpu_share=max(1.0, need.gpu_share))
-            name, how = f"{task.stage}: {task.label}", (self.store, halvings, need.gpu_share)
-            job = self.backend.submit(try_task, task, *how, name=name, need=need)
+            name, settings = f"{task.stage.name}: {task.label}", (halvings, need.gpu_share)
+            job = self.backend.submit(try_task, task, self.store, *settings, name=name, need=need)
             self.running[job] = (task, need)
             self.listener.started(task)
 
@@ -124,7 +139,7 @@ class _Execution:
         self.listener.finished(task)
 
     def _has_room(self) -> bool:
-        """What would wait for a GPU or for memory must not keep others from the CPUs."""
+        """Whether a task that needs GPUs or memory would start: else it would block CPUs."""
         if not self.running:
             return True
         needs, room = [need for _, need in self.running.values()], self.backend.room
@@ -145,7 +160,7 @@ def _ended(job: Job[Ended]) -> Ended:
 
 def _can_be_halved(task: Task, halvings: int) -> bool:
     """Whether a training that was too large for a GPU had more than one frame in a step."""
-    if not task.resumable:
+    if not isinstance(task.stage, FinetuneStage):
         return False
-    size = task.params.training.batch_size
+    size = task.stage.training.batch_size
     return (LARGEST_BATCH if size == "auto" else size) >> halvings > 1

@@ -1,4 +1,4 @@
-"""Why tasks failed: kept in the run folder, for reports and so that they are not retried."""
+"""Failures of tasks, which stay in the run folder for reports and are not retried."""
 
 from __future__ import annotations
 
@@ -13,16 +13,19 @@ from lidarplace.base.foreign_code import plugin_place
 from lidarplace.configuration.record import read_record
 from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import hide_secrets
+from sweeps.stages.task import Task
 from sweeps.store.result_folder import DamagedResult
-from sweeps.tasks.task import Task
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a task has no result: one line, and the traceback. `lasting`: data or settings are to
-    blame, so trying again gives the same; else the machine. `out_of_gpu_memory`: a smaller batch
-    may help. `follows`: the task was not run, as one that it needs had failed; reason and log are
-    of that. `damaged`: a result that it needs was damaged, and is gone."""
+    """The reason why a task has no result, a line, and the traceback.
+
+    `lasting`: data or settings are to blame, so a retry fails alike; else the machine is.
+    `out_of_gpu_memory`: a smaller batch may help. `follows`: the task was not run, as one that it
+    needs had failed; reason and log are of that. `damaged`: a result that it needs was damaged, and
+    is removed.
+    """
 
     reason: str
     log: str = ""
@@ -33,7 +36,7 @@ class Failure:
 
     @classmethod
     def of(cls, error: BaseException) -> Failure:
-        """What to keep of an exception, while it is handled."""
+        """Describe an exception while it is handled."""
         text = hide_secrets(" ".join(str(error).split()))
         name, place = type(error).__name__, plugin_place(error)
         damaged = isinstance(error, DamagedResult)
@@ -48,39 +51,44 @@ class Failure:
 
 @dataclass(frozen=True)
 class FailureFolder:
-    """`failed/` of a run folder: one file a failure, and the traceback as text next to it."""
+    """The folder `failed/` of a run folder: a file for each failure, and its traceback as text."""
 
     folder: Path
 
     def write(self, task: Task, failure: Failure) -> None:
+        """Keep the failure of a task."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        told = f"{task.stage} '{task.label}'\n{failure.reason}\n\n{failure.log}"
-        write_text(self.log(task), told)
+        text = f"{task.stage.name} '{task.label}'\n{failure.reason}\n\n{failure.log}"
+        write_text(self.log(task), text)
         write_text(self._record(task.key), json.dumps(asdict(failure)))
 
     def read(self) -> Mapping[str, Failure]:
-        """Failures by the task's key. Raises ValueError that names a file which is none."""
+        """Return the failures by key of the task. Raises InputError for a damaged file."""
         return {path.stem: _read(path) for path in sorted(self.folder.glob("*.json"))}
 
-    def known(self, rerun: bool, there: Collection[str]) -> dict[str, Failure]:
-        """Failures that would come again, by key; none of those if `rerun`. All others are
-        forgotten: they are tried again, or `there` has the keys of their results."""
-        known = {}
+    def lasting(self, rerun: bool, finished: Collection[str]) -> dict[str, Failure]:
+        """Return the failures that a retry would repeat, by key; none if `rerun`.
+
+        All others are forgotten: they are retried, or their keys are in `finished`.
+        """
+        lasting = {}
         for key, failure in self.read().items():
-            # What followed comes again with what it follows, if that fails again.
-            if failure.lasting and not failure.follows and not rerun and key not in there:
-                known[key] = failure
+            # A failure that followed comes again with the one that it follows.
+            if failure.lasting and not failure.follows and not rerun and key not in finished:
+                lasting[key] = failure
             else:
                 self.forget(key)
-        return known
+        return lasting
 
     def forget(self, key: str) -> None:
+        """Remove the failure of a task."""
         self._record(key).unlink(missing_ok=True)
         for path in self.folder.glob(f"*-{key}.log"):
             path.unlink()
 
     def log(self, task: Task) -> Path:
-        return self.folder / f"{task.stage}-{task.key}.log"
+        """Return the file of the traceback."""
+        return self.folder / f"{task.stage.name}-{task.key}.log"
 
     def _record(self, key: str) -> Path:
         return self.folder / f"{key}.json"

@@ -1,4 +1,4 @@
-"""Work that breaks off is not lost: it begins again, or one line says how it goes on."""
+"""Work that breaks off: it begins again, or a line says how to resume it."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -14,14 +14,16 @@ from lidarplace.files.secret_urls import hide_secrets
 
 T = TypeVar("T")
 
-_PATIENCE = 3  # a disk that spoils the same result every time is not worth more
+_PATIENCE = 3  # a disk that damages the same result every time is not worth more
 _GOES_ON = "Finished work is kept; run the same command to resume."
 
 
 def interruptible(console: Console, work: Callable[[], T]) -> T:
-    """What `work` returns, which begins again after a damaged result (`until_whole`). Leaves with
-    exit code 1 if the machine fails it, such as a disk that is full, with 2 if a cluster cannot be
-    joined, with 130 at Ctrl-C and 143 at SIGTERM."""
+    """Return the result of `work`, which begins again after a damaged result (`until_whole`).
+
+    Raises typer.Exit: with code 1 if the machine fails, such as a full disk, with 2 if a cluster
+    cannot be joined, with 130 at Ctrl-C and 143 at SIGTERM.
+    """
     from sweeps.execution.backends import BackendLost
     from sweeps.execution.ray_cluster import ClusterError
     from sweeps.store.result_folder import DamagedResult
@@ -39,17 +41,19 @@ def interruptible(console: Console, work: Callable[[], T]) -> T:
 
 
 def until_whole(work: Callable[[], T], say: Callable[[str], object]) -> T:
-    """What `work` returns, which begins again after a `DamagedResult`, as a resumed command does: a
-    store removes what it finds damaged. Raises it if the same result is damaged again and again.
-    `say` takes the line that names it."""
+    """Return the result of `work`, which begins again after a `DamagedResult`.
+
+    The store removes a damaged result, so it is computed again. Raises DamagedResult if the same
+    result is damaged again and again. `say` prints the line that names it.
+    """
     from sweeps.store.result_folder import DamagedResult
 
-    met = Counter[str]()
+    faults = Counter[str]()
     while True:
         try:
             return work()
         except DamagedResult as error:
-            met[str(error)] += 1
-            if met[str(error)] == _PATIENCE:
+            faults[str(error)] += 1
+            if faults[str(error)] == _PATIENCE:
                 raise
             say(hide_secrets(str(error)))

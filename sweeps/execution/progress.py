@@ -1,5 +1,8 @@
-"""What a sweep does now: a bar for every stage in a terminal; elsewhere a line for every stage that
-is done, and one now and then on what runs and what is left."""
+"""The progress of a sweep: a bar for every stage in a terminal, elsewhere lines.
+
+There is a line for every stage that has finished, and one now and then on what runs and what is
+left.
+"""
 
 import math
 import threading
@@ -8,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
+from statistics import fmean
 from typing import Self
 
 from rich import progress as bars
@@ -17,8 +21,8 @@ from rich.text import Text
 
 from lidarplace.command_line.terminal import visible
 from sweeps.execution.failures import Failure, FailureFolder
+from sweeps.stages.task import Task
 from sweeps.store.local import Note, Store
-from sweeps.tasks.task import Task
 
 _MOST_NAMED = 2
 NOTED_S = 10.0
@@ -26,18 +30,21 @@ NOTED_S = 10.0
 
 
 class RunningColumn(bars.ProgressColumn):
-    """What the field `now` of a bar returns: takes the rest of the line and is cut there."""
+    """Column with the text of the field `now` of a bar, cut at the end of the line."""
 
     def __init__(self) -> None:
         super().__init__(Column(ratio=1, no_wrap=True, overflow="ellipsis"))
 
     def render(self, bar: bars.Task) -> Text:
+        """Return the text of a bar."""
         return Text(visible(bar.fields["now"]()), "dim")
 
 
 class Running:
-    """Tasks between their start and their end; read by another thread than the driver's. `notes`
-    are what workers noted of tasks, by key, such as `Store.running_notes`."""
+    """Tasks that run; another thread than that of the driver reads them.
+
+    `notes`: returns what workers noted of tasks, by key, such as `Store.running_notes`.
+    """
 
     def __init__(
         self,
@@ -51,37 +58,42 @@ class Running:
         self._progress: dict[str, str] = {}
 
     def started(self, task: Task) -> None:
+        """Note that a task starts."""
         self._since[task.key] = (task, self._clock())
 
     def ended(self, task: Task) -> float | None:
-        """Seconds that it ran, None if it never began: it fell with a task that it needs."""
+        """Return the seconds of a task; None if it never started, as one that it needs failed."""
         _, since = self._since.pop(task.key, (task, None))
         return None if since is None else self._clock() - since
 
     def seconds(self) -> list[tuple[str, float]]:
-        """Stage of every task, and the seconds that it has run."""
+        """List the stage of every task, and the seconds that it has run."""
         now = self._clock()
-        return [(task.stage, now - since) for task, since in list(self._since.values())]
+        return [(task.stage.name, now - since) for task, since in list(self._since.values())]
 
     def labels(self, stage: str) -> str:
-        own = [task for task, _ in list(self._since.values()) if task.stage == stage]
-        return ", ".join(task.label + self._progress_of(task) for task in own)
+        """Name the tasks of a stage, with their progress."""
+        tasks = [task for task, _ in list(self._since.values()) if task.stage.name == stage]
+        return ", ".join(task.label + self._progress_of(task) for task in tasks)
 
     def __str__(self) -> str:
-        """Such as "finetune 'center, seed 1' for 4:30 (epoch 2 of 9, 20 %, about 18 min left), 2
-        more"; empty if nothing runs."""
+        """Name what runs; empty if nothing runs.
+
+        Such as "finetune 'center, seed 1' for 4:30 (epoch 2 of 9, 20 %, about 18 min left), 2
+        more".
+        """
         now, every = self._clock(), list(self._since.values())
         named = [
-            f"{task.stage} '{task.label}' for {minutes(now - since)}{self._progress_of(task)}"
+            f"{task.stage.name} '{task.label}' for {minutes(now - since)}{self._progress_of(task)}"
             for task, since in every[:_MOST_NAMED]
         ]
         more = len(every) - len(named)
         return ", ".join([*named, *([f"{more} more"] if more > 0 else [])])
 
     def _progress_of(self, task: Task) -> str:
-        if task.resumable and self._clock() - self._looked > NOTED_S:
+        if task.stage.resumable and self._clock() - self._looked > NOTED_S:
             self._looked = self._clock()
-            trainings = [own for own, _ in list(self._since.values()) if own.resumable]
+            trainings = [t for t, _ in list(self._since.values()) if t.stage.resumable]
             with suppress(Exception):  # a remote store that does not answer is asked again later
                 self._progress = {
                     key: f" ({note.progress})"
@@ -92,7 +104,7 @@ class Running:
 
 
 def minutes(seconds: float) -> str:
-    """A time as 4:05 or 1:04:05."""
+    """Format a time, such as 4:05 or 1:04:05."""
     whole = max(0, round(seconds))
     hours, rest = divmod(whole, 3600)
     clock = f"{rest // 60:02}:{rest % 60:02}"
@@ -100,7 +112,7 @@ def minutes(seconds: float) -> str:
 
 
 def about(seconds: float) -> str:
-    """An estimate as somebody says it: 40 s, 5 min, 2.5 h."""
+    """Format an estimate of a time, such as 40 s, 5 min or 2.5 h."""
     if seconds < 60:
         return f"{max(10, 10 * round(seconds / 10))} s"
     if seconds < 90 * 60:
@@ -109,22 +121,24 @@ def about(seconds: float) -> str:
 
 
 class TimeLeft:
-    """Learns from tasks that end. Machines go on as they did: as many tasks at once."""
+    """Estimate of the time left, from tasks that ended: as many run at once as before."""
 
     def __init__(self, tasks: Iterable[Task]) -> None:
-        self._left = Counter(task.stage for task in tasks)
+        self._left = Counter(task.stage.name for task in tasks)
         self._seconds: dict[str, list[float]] = {}
 
     def ended(self, stage: str, seconds: float | None) -> None:
-        """Take note of the seconds of a task, None if it never began."""
+        """Note the seconds of a task, None if it never started."""
         self._left[stage] -= 1
         if seconds is not None:
             self._seconds.setdefault(stage, []).append(seconds)
 
     def seconds(self, running: Running, elapsed: float) -> float | None:
-        """Seconds to the end, `elapsed` since the first task began; None while a stage is left of
-        which no task has ended."""
-        mean = {s: sum(own) / len(own) for s, own in dict(self._seconds).items()}
+        """Return the seconds to the end, `elapsed` since the first task started.
+
+        None while no task of a stage that is left has ended.
+        """
+        mean = {stage: fmean(seconds) for stage, seconds in dict(self._seconds).items()}
         left = {stage: count for stage, count in self._left.items() if count > 0}
         if not left.keys() <= mean.keys() or elapsed <= 0:
             return None
@@ -140,15 +154,17 @@ class TimeLeft:
 
 
 FIRST_S = 30.0
-"""Seconds between two lines, …"""
+"""Seconds between two lines at least."""
 SHARE = 0.05
-"""… or so much of the time that has gone: ten hours are a hundred lines or so."""
+"""Share of the elapsed time between two lines at least: ten hours have a hundred lines."""
 
 
 class StageProgress:
-    """Shows how far every stage of `tasks` is; the listener of `execute`. Lines come from a thread
-    of their own, as the driver may wait for a training for hours. `failures` keeps why tasks
-    failed."""
+    """Listener of `execute` that shows how far every stage of `tasks` is.
+
+    A thread prints the lines, as the driver may wait for a training for hours. `failures` keeps the
+    failures of tasks.
+    """
 
     def __init__(
         self,
@@ -174,9 +190,9 @@ class StageProgress:
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="progress lines", daemon=True)
         self._failures = failures
-        self._total = Counter(task.stage for task in tasks)
+        self._total = Counter(task.stage.name for task in tasks)
         cached = store.finished(tasks)
-        self._done = Counter(task.stage for task in tasks if task.key in cached)
+        self._done = Counter(task.stage.name for task in tasks if task.key in cached)
         self._failed = Counter[str]()
         self._left = TimeLeft(task for task in tasks if task.key not in cached)
         self._bar = {
@@ -202,21 +218,24 @@ class StageProgress:
         self._bars.stop()
 
     def started(self, task: Task) -> None:
+        """Show a task that starts."""
         self._running.started(task)
 
     def finished(self, task: Task) -> None:
+        """Show that a task has a result."""
         self._ended(task)
 
     def failed(self, task: Task, failure: Failure) -> None:
-        text = f"failed: {task.stage} '{task.label}': {failure.reason}"
+        """Print and keep a failure."""
+        text = f"failed: {task.stage.name} '{task.label}': {failure.reason}"
         self._console.print(text, soft_wrap=True)
         if self._failures is not None:
             self._failures.write(task, failure)
-        self._failed[task.stage] += 1
+        self._failed[task.stage.name] += 1
         self._ended(task)
 
     def _ended(self, task: Task) -> None:
-        stage, seconds = task.stage, self._running.ended(task)
+        stage, seconds = task.stage.name, self._running.ended(task)
         if stage not in self._total:
             return
         self._done[stage] += 1
@@ -236,9 +255,9 @@ class StageProgress:
             self._console.print(f"{minutes(self._elapsed):>7}  {self.now()}", soft_wrap=True)
 
     def now(self) -> str:
-        """How far the stages are that are not done, what runs, and when it may end."""
-        open_ = [s for s, total in self._total.items() if self._done[s] < total]
-        left = [f"{stage} {self._done[stage]} of {self._total[stage]}" for stage in open_]
+        """Describe how far unfinished stages are, what runs, and when it may end."""
+        unfinished = [s for s, total in self._total.items() if self._done[s] < total]
+        left = [f"{stage} {self._done[stage]} of {self._total[stage]}" for stage in unfinished]
         seconds = self._left.seconds(self._running, self._elapsed)
         ends = [] if seconds is None else [f"about {about(seconds)} left"]
         now = str(self._running)

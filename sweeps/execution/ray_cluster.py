@@ -18,12 +18,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from lidarplace.base.code_version import PACKAGES, place_of
 from lidarplace.base.errors import InputError, at
-from lidarplace.base.foreign_code import PLUGINS
+from lidarplace.base.plugin_folders import PLUGINS
 from lidarplace.command_line.signals import Terminated, signals_held, stopped_by_signals
-from sweeps import PACKAGES
 from sweeps.configuration.sweep import RaySettings
-from sweeps.tasks.code_version import place_of
 
 THREADS = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a worker: one thread a task, as Ray runs as many tasks as there are CPUs."""
@@ -38,14 +37,16 @@ _DECISIVE = ("numpy", "numba", "pandas", "scipy", "torch")
 
 
 class ClusterError(InputError):
-    """A cluster cannot be joined; one line that says what to mend."""
+    """A cluster cannot be joined; the message names what to mend."""
 
 
 @contextmanager
 def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
-    """Ray, initialised as `settings` ask, and shut down at the end. Raises ConnectionError: Ray
-    cannot be started here; ClusterError: the cluster cannot be joined, or one of its nodes cannot
-    work for this driver."""
+    """Return Ray, initialised by `settings`, and shut it down at the end.
+
+    Raises ConnectionError: Ray cannot be started here; ClusterError: the cluster cannot be joined,
+    or one of its nodes cannot work for this driver.
+    """
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     # Three tries to reach a `ray://` server take 15 s in place of 30.
     os.environ.setdefault("RAY_CLIENT_MAX_CONNECTION_TIMEOUT_S", f"{_CONNECT_S:.0f}")
@@ -72,20 +73,24 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
 
 @cache
 def _alone() -> dict[str, str]:
-    """What keeps a local Ray to this machine and this user, before it is imported; and it starts no
-    workers that tasks, which ask for other variables, could never use. The first makes
-    it take 127.0.0.1 for a node's address and listen there alone. The argument
-    `_node_ip_address="127.0.0.1"` does not: Ray puts an address in its place that others can reach.
-    A token Ray would write into the home folder, where every user of the machine can read it; it
-    remembers the first one, so a process has one."""
-    token = os.environ.get("RAY_AUTH_TOKEN", secrets.token_hex(32))
-    own = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_prestart_worker_first_driver": "0"}
-    return own | {"RAY_AUTH_TOKEN": token}
+    """Return variables that restrict a local Ray to this machine and this user.
+
+    They are set before it is imported. The first makes it take 127.0.0.1 for a node's address and
+    listen there alone. The argument `_node_ip_address="127.0.0.1"` does not: Ray replaces it by an
+    address that others can reach. The second keeps it from starting workers that tasks, which need
+    other variables, could never use. A token Ray would write into the home folder, where every user
+    of the machine can read it; it remembers the first one, so a process has one.
+    """
+    return {
+        "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",
+        "RAY_prestart_worker_first_driver": "0",
+        "RAY_AUTH_TOKEN": os.environ.get("RAY_AUTH_TOKEN", secrets.token_hex(32)),
+    }
 
 
 @contextmanager
 def _environment(variables: Mapping[str, str]) -> Iterator[None]:
-    """Variables for the block alone: other Rays, such as a cluster's, are started otherwise."""
+    """Set variables for the block alone: other Rays, such as a cluster's, need others."""
     before = {name: os.environ[name] for name in variables if name in os.environ}
     os.environ.update(variables)
     try:
@@ -115,7 +120,7 @@ def _start(ray: ModuleType, settings: RaySettings) -> None:
 
 
 def _check_alone(ray: ModuleType) -> None:
-    """Say so if others than this machine can reach Ray, which other versions of it may do."""
+    """Warn if other machines can reach Ray, which other versions of it may allow."""
     address = ray.util.get_node_ip_address()
     if not ipaddress.ip_address(address).is_loopback:
         logging.getLogger(__name__).warning(
@@ -124,7 +129,7 @@ def _check_alone(ray: ModuleType) -> None:
 
 
 def _check_token_file() -> None:
-    """Say so if other users can read the token of a cluster; Ray writes the file that way."""
+    """Warn if other users can read the token of a cluster; Ray writes the file that way."""
     if "RAY_AUTH_TOKEN" in os.environ:
         return
     path = Path(os.environ.get("RAY_AUTH_TOKEN_PATH", Path.home() / ".ray" / "auth_token"))
@@ -135,7 +140,7 @@ def _check_token_file() -> None:
 
 
 def enter_folder(folder: str) -> None:
-    """Make the driver's folder a worker's, for relative paths. Raises FileNotFoundError."""
+    """Change to the folder of the driver, for relative paths. Raises FileNotFoundError."""
     if not Path(folder).is_dir():
         raise FileNotFoundError(
             f"node {platform.node()} has no folder {folder}, in which the sweep was started"
@@ -185,7 +190,7 @@ def _cluster_environment() -> dict[str, Any]:
 
 
 def _plug_ins() -> list[str]:
-    """Packages that the configuration names, and the metadata in which their entry points are."""
+    """List the packages of plug-ins, and the metadata in which their entry points are."""
     places = [place_of(name) for name in PLUGINS if name not in PACKAGES]
     for name, installed in PLUGINS.items():
         files = installed.files or () if installed is not None and name not in PACKAGES else ()
@@ -199,7 +204,7 @@ def _python_path() -> str:
 
 
 def _check_port(address: str) -> None:
-    """Ray itself would wait much longer for a port at which nothing listens."""
+    """Check that a port can be reached; Ray itself would wait much longer."""
     host, _, port = address.rpartition(":")
     try:
         socket.create_connection((host, int(port)), timeout=_CONNECT_S).close()
@@ -208,15 +213,15 @@ def _check_port(address: str) -> None:
 
 
 def _check_head(address: str) -> None:
-    """Ask for the cluster's status in a process of its own: Ray's driver ends or hangs instead."""
+    """Ask for the cluster's status in another process: Ray's driver would end or hang."""
     command = [sys.executable, "-m", "ray.scripts.scripts", "status", "--address", address]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_STATUS_S)
+        process = subprocess.run(command, capture_output=True, text=True, timeout=_STATUS_S)
     except subprocess.TimeoutExpired:
         raise InputError(f"does not answer within {_STATUS_S:.0f} s") from None
-    if not done.returncode:
+    if not process.returncode:
         return
-    text = done.stdout + done.stderr
+    text = process.stdout + process.stderr
     if "InvalidAuthToken" in text or "AuthenticationError" in text:
         fix = (
             "set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN or RAY_AUTH_TOKEN_PATH to that of its head"
@@ -231,8 +236,8 @@ def _check_nodes(ray: ModuleType) -> None:
     look = ray.remote(num_cpus=0)(_look_at_node)
     alive = [node["NodeID"] for node in ray.nodes() if node["Alive"]]
     places = (NodeAffinitySchedulingStrategy(node, soft=False) for node in alive)
-    looks = [look.options(scheduling_strategy=own).remote(os.getcwd()) for own in places]
-    own = _versions()
+    looks = [look.options(scheduling_strategy=place).remote(os.getcwd()) for place in places]
+    driver_versions = _versions()
     try:
         nodes = ray.get(looks, timeout=_NODES_S)
     except ray.exceptions.RayError as error:
@@ -241,9 +246,9 @@ def _check_nodes(ray: ModuleType) -> None:
         if not folder_is_there:
             problem = f"node {name} has no folder {os.getcwd()}"
             raise InputError(problem, fix="start the sweep in one that all nodes share")
-        for package, there in versions.items():
-            if there != own[package]:
-                problem = f"node {name} has {package} {there}, and this driver {own[package]}"
+        for package, installed in versions.items():
+            if installed != (expected := driver_versions[package]):
+                problem = f"node {name} has {package} {installed}, and this driver {expected}"
                 raise InputError(f"{problem}; results would depend on the node")
 
 
@@ -252,7 +257,7 @@ def _look_at_node(folder: str) -> tuple[str, bool, dict[str, str]]:
 
 
 def _versions() -> dict[str, str]:
-    """Of the packages that decide results. Builds of one version, such as torch's, are alike."""
+    """Return versions of the packages that decide results, without the build of torch."""
     return {name: version(name).partition("+")[0] for name in _DECISIVE}
 
 

@@ -1,4 +1,4 @@
-"""What runs have in common: one driver, its workers, MLflow; and tasks that are of no trial."""
+"""The frame of runs: one driver, its workers, MLflow; and tasks that belong to no trial."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -15,9 +15,9 @@ from sweeps.execution.backends import Backend, backend_for
 from sweeps.execution.execute import execute
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress import StageProgress
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
 from sweeps.store.lock import locked
-from sweeps.tasks.task import Task
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.uri import sqlite_file, ui_command
@@ -29,24 +29,29 @@ Say = Callable[[str], None]
 
 
 class Work(Protocol[T]):
-    """A sweep or a search, step by step. Each step goes on from what an earlier run left."""
+    """A sweep or a search, step by step; each step resumes what an earlier run left."""
 
     def open(self, folder: Path, say: Say) -> ParentRun:
-        """Prepare the run folder, which no other driver has, and the store. Returns the state of
-        MLflow. Raises ValueError: something that is asked for cannot be had."""
+        """Prepare the run folder, which no other driver has, and the store.
+
+        Returns the state of MLflow. Raises ValueError: something that is needed is missing.
+        """
 
     def compute(self, folder: Path, backend: Backend, log: SweepLog, say: Say) -> T:
-        """Run all that is not there yet, and log it."""
+        """Run all that has no result yet, and log it."""
 
-    def report(self, folder: Path, found: T, log: SweepLog) -> Path | None:
-        """Write, print and log what was found. Returns the file of the report, if there is one."""
+    def report(self, folder: Path, results: T, log: SweepLog) -> Path | None:
+        """Write, print and log the results. Returns the file of the report, if there is one."""
 
 
 def drive(console: Console, common: Common, store: Store, work: Work[T]) -> tuple[T, bool]:
-    """Run a sweep or a search from where it stopped. Returns what was found, and whether MLflow has
-    got all. Raises typer.Exit: another driver runs it, or MLflow, Ray or a database cannot be had;
-    BackendLost: Ray has gone; DamagedResult: a result was damaged, and is gone when this is called
-    again; OSError: the run folder cannot be written."""
+    """Run a sweep or a search from where it stopped.
+
+    Returns the results, and whether MLflow received all. Raises typer.Exit: another driver runs it,
+    or MLflow, Ray or a database is not available; BackendLost: Ray has gone; DamagedResult: a
+    result was damaged, and is computed again when this is called again; OSError: the run folder
+    cannot be written.
+    """
     folder = common.output / common.name
     say = partial(console.print, soft_wrap=True)
     with ExitStack() as stack:
@@ -62,16 +67,16 @@ def drive(console: Console, common: Common, store: Store, work: Work[T]) -> tupl
         except ValueError as error:
             wrong(error)
         with workers:
-            found = work.compute(folder, backend, log, say)
-        report = work.report(folder, found, log)
+            results = work.compute(folder, backend, log, say)
+        report = work.report(folder, results, log)
         if report is not None:
             say(f"\nReport  {report}")
         say(f"MLflow  {ui_command(common.tracking_uri, log.page())}")
-    return found, not log.undelivered and not log.refused
+    return results, not log.undelivered and not log.refused
 
 
 def _remove_leftovers(common: Common, store: Store) -> None:
-    """Remove what killed runs were writing; in a shared store what others write stays."""
+    """Remove partial files of killed runs; in a shared store those of others stay."""
     remove_leftovers(common.output / common.name, "**/.*.part*")
     if (database := sqlite_file(common.tracking_uri)) is not None:
         remove_leftovers(database.parent)
@@ -85,7 +90,7 @@ def run_tasks(
     tasks: Sequence[Task],
     failures: FailureFolder | None = None,
 ) -> Mapping[str, Failure]:
-    """Run what is not in the store yet. Returns the failures by key; `failures` keeps them."""
+    """Run the tasks without a result. Returns failures by key; `failures` keeps them."""
     with (
         store.in_use(),
         backend_for(common.ray) as backend,

@@ -1,4 +1,4 @@
-"""Which task may run next."""
+"""The order in which tasks run."""
 
 import heapq
 from collections import defaultdict
@@ -6,29 +6,20 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from sweeps.execution.failures import Failure
-from sweeps.tasks.task import Task
-
-_ORDER: tuple[tuple[str, ...], ...] = (
-    *(("pretrained",), ("judge",), ("measure", "evaluate"), ("command", "finetune")),
-    *(("pretrain",), ("collect",), ("ground_truth",), ("scene",), ("pog",), ("surrogates",)),
-    *(("recall",), ("requirements",), ("accuracy",), ("sampling_error",)),
-)
-_PLACE = {stage: place for place, stages in enumerate(_ORDER) for stage in stages}
-"""Of stages of a trial whose inputs are there the first goes first: what detectors wait for."""
-
-_ENDS = ("evaluate", "judge", "measure")
-"""Stages that end a trial."""
+from sweeps.stages.task import Task
 
 _Rank = tuple[int, int, int]
-"""Trial, stage, place in the plan; the lowest goes first."""
+"""Trial, order of the stage, place in the plan; the lowest goes first."""
 
 
 class Schedule:
-    """Hands out tasks whose inputs are there: trial by trial, and late stages first. So a sweep
-    that is stopped has whole results of its first trials, not the trainings of all. Of `tasks` each
-    comes after its inputs; the results of `done` keys are in the store."""
+    """Hands out tasks whose inputs have results: trial by trial, and late stages first.
 
-    def __init__(self, tasks: Sequence[Task], done: Collection[str]) -> None:
+    So a sweep that is stopped has whole results of its first trials, not the trainings of all. Each
+    of `tasks` comes after its inputs; the results of `finished` keys are in the store.
+    """
+
+    def __init__(self, tasks: Sequence[Task], finished: Collection[str]) -> None:
         self.failed: dict[str, Failure] = {}
         self._waiting: dict[str, int] = {}
         self._dependents: dict[str, list[Task]] = defaultdict(list)
@@ -36,25 +27,25 @@ class Schedule:
         self._rank: dict[str, _Rank] = {}
         trial = 0
         for position, task in enumerate(tasks):
-            self._rank[task.key] = (trial, _PLACE[task.stage], position)
-            trial += task.stage in _ENDS
+            self._rank[task.key] = (trial, task.stage.order, position)
+            trial += task.stage.ends_trial
         for task in tasks:
-            if task.key in done:
+            if task.key in finished:
                 continue
-            missing = [t for t in task.inputs if t.key not in done]
+            missing = [t for t in task.inputs if t.key not in finished]
             self._waiting[task.key] = len(missing)
             for item in missing:
                 if item.key not in self._waiting:
-                    raise ValueError(f"{task.stage} '{task.label}' comes before its input")
+                    raise ValueError(f"{task.stage.name} '{task.label}' comes before its input")
                 self._dependents[item.key].append(task)
             if not missing:
                 self._push(task)
 
     def _push(self, task: Task) -> None:
-        heapq.heappush(self._ready[task.gpu], (self._rank[task.key], task))
+        heapq.heappush(self._ready[task.stage.need().gpu_share > 0], (self._rank[task.key], task))
 
     def next(self, gpu: bool = True) -> Task | None:
-        """A task to start, of a GPU only if `gpu`; None while all that are left wait."""
+        """Return a task to start, one for GPUs only if `gpu`; None while all others wait."""
         while queues := [
             queue for kind, queue in self._ready.items() if queue and (gpu or not kind)
         ]:
@@ -64,24 +55,26 @@ class Schedule:
         return None
 
     def again(self, task: Task) -> None:
+        """Hand out a task once more."""
         self._push(task)
 
     def finish(self, task: Task) -> None:
+        """Note that a task has a result."""
         for dependent in self._dependents[task.key]:
             self._waiting[dependent.key] -= 1
             if self._waiting[dependent.key] == 0 and dependent.key not in self.failed:
                 self._push(dependent)
 
     def fail(self, task: Task, failure: Failure) -> list[Task]:
-        """Note that a task failed; returns it with all that cannot run without it."""
-        fallen: list[Task] = []
-        reason = f"{task.stage} '{task.label}' failed: {failure.reason}"
-        because = replace(failure, reason=reason, follows=True)
-        falling = [task]
-        for current in falling:
+        """Note that a task failed. Return it with all that cannot run without it."""
+        failed: list[Task] = []
+        reason = f"{task.stage.name} '{task.label}' failed: {failure.reason}"
+        consequence = replace(failure, reason=reason, follows=True)
+        queue = [task]
+        for current in queue:
             if current.key in self.failed:
                 continue
-            self.failed[current.key] = failure if current is task else because
-            fallen.append(current)
-            falling += self._dependents[current.key]
-        return fallen or [task]
+            self.failed[current.key] = failure if current is task else consequence
+            failed.append(current)
+            queue += self._dependents[current.key]
+        return failed or [task]

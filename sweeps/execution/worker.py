@@ -1,4 +1,4 @@
-"""What happens where a task runs: inputs are loaded, its function is called, its result stored."""
+"""The work of a worker: it loads the inputs of a task, runs its stage, stores its result."""
 
 import math
 import os
@@ -15,40 +15,42 @@ from cachetools import LRUCache, cached
 
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import NOTED_S, about
+from sweeps.stages.stage import Stage
+from sweeps.stages.task import Task
+from sweeps.stages.train import FinetuneStage, Network, TrainedDetector
 from sweeps.store.local import Note, Store
 from sweeps.store.result_folder import R, Ran
-from sweeps.tasks.parameters import NetworkParams
-from sweeps.tasks.results import Trained
-from sweeps.tasks.stages import FUNCTIONS
-from sweeps.tasks.task import Task
 
 
 @dataclass(frozen=True)
 class Ended:
-    """Why a task has no result, None if it has one; and the seconds with loading and storing."""
+    """The failure of a task, None if it has a result, and its seconds with input and output."""
 
     failure: Failure | None
     seconds: float
 
 
 def try_task(task: Task, store: Store, halvings: int, gpu_share: float) -> Ended:
+    """Run a task, and describe its failure; arguments as of `run_task`."""
     start = time.perf_counter()
     failure = None
     try:
         run_task(task, store, halvings, gpu_share)
     except Exception as error:
-        # If the result is there another driver finished it, and tidied up under this one.
+        # If there is a result another driver finished it, and removed files of this one.
         if not store.has(task):
             failure = Failure.of(error)
     return Ended(failure, time.perf_counter() - start)
 
 
 def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0) -> None:
-    """Compute one result from those in the store, and store it. Inputs are mapped from the store's
-    files, not sent: workers on one machine share the pages, and clouds larger than the memory can
-    be trained on. A network takes `gpu_share` of a GPU's memory; `halvings` is how often its batch
-    size is halved, after that was too small."""
-    if isinstance(task.params, NetworkParams) and gpu_share:
+    """Compute one result from those in the store, and store it.
+
+    Inputs are mapped from files of the store, not sent: workers on one machine share the pages, and
+    clouds larger than the memory can be trained on. A network gets `gpu_share` of the memory of a
+    GPU; `halvings` is how often its batch size is halved, after that memory was too small.
+    """
+    if isinstance(task.stage, Network) and gpu_share:
         import torch
 
         if torch.cuda.is_available():  # batches that need more do not fit
@@ -59,54 +61,58 @@ def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0
         reset_peak_memory()
         inputs = [_load(store, needed) for needed in task.inputs]
         start = time.perf_counter()
-        call = partial(FUNCTIONS[task.stage], task.params, *inputs)
-        if task.resumable:
-            how = {"on_step": _Progress(task, note).on_step, "halvings": halvings}
+        call = partial(task.stage.run, *inputs)
+        if isinstance(task.stage, FinetuneStage):
+            on_step = _Progress(task.stage.training.epochs, note).on_step
+            settings = {"on_step": on_step, "halvings": halvings}
             with store.working_folder(task) as folder:
-                value = call(folder=folder, **how)
+                value = call(folder=folder, **settings)
         else:
             value = call()
         seconds = time.perf_counter() - start
         ran = Ran(node, pid, peak_memory())
-        if isinstance(value, Trained):
+        if isinstance(value, TrainedDetector):
             seconds += value.earlier_seconds
             ran = Ran(node, pid, ran.peak_memory, value.batch_size_reduced, value.earlier_seconds)
         store.save(task, value, seconds, ran)
-        if task.resumable:
+        if task.stage.resumable:
             store.discard(task)
 
 
 @cached(LRUCache(maxsize=4), key=lambda store, task: (store, task.key))
-def _load(store: Store, task: Task[R]) -> R:
-    """An input. Tasks that follow one another on a worker often share one, such as a POG."""
+def _load(store: Store, task: Task[Stage[R]]) -> R:
+    """Load an input. Successive tasks of a worker often share one, such as a POG."""
     return store.load(task)
 
 
 class _Progress:
-    """Notes now and then how much of a training is done, and when it may end."""
+    """Notes now and then how far a training is, and when it may end."""
 
-    def __init__(self, task: Task, note: Callable[[str], None]) -> None:
-        self._task = task
+    def __init__(self, epochs: int, note: Callable[[str], None]) -> None:
+        self._epochs = epochs
         self._note = note
         self._first: tuple[float, float] | None = None
         self._noted = -math.inf
 
-    def on_step(self, done: float) -> None:
-        now, epochs = time.monotonic(), self._task.params.training.epochs
-        since, before = self._first = self._first or (now, done)
+    def on_step(self, finished: float) -> None:
+        """Note that so many epochs are finished."""
+        now, epochs = time.monotonic(), self._epochs
+        since, before = self._first = self._first or (now, finished)
         if now - self._noted < NOTED_S:
             return
         self._noted = now
-        text = f"epoch {min(int(done) + 1, epochs)} of {epochs}, {100 * done / epochs:.0f} %"
-        if done > before:
-            left = about((epochs - done) * (now - since) / (done - before))
+        text = (
+            f"epoch {min(int(finished) + 1, epochs)} of {epochs}, {100 * finished / epochs:.0f} %"
+        )
+        if finished > before:
+            left = about((epochs - finished) * (now - since) / (finished - before))
             text += f", about {left} left"
         with suppress(Exception):  # a training outlasts a remote store that does not answer
             self._note(text)
 
 
 def peak_memory() -> int:
-    """Most bytes that this process held since `reset_peak_memory`, mapped files not counted."""
+    """Return the most bytes that this process held since `reset_peak_memory`, less mapped files."""
     status = dict(
         line.split(":", 1)
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines()
@@ -119,6 +125,6 @@ def peak_memory() -> int:
 
 
 def reset_peak_memory() -> None:
-    """Linux forgets the peak of earlier tasks of this process, where it allows this."""
+    """Make Linux forget the peak of earlier tasks of this process, where it allows this."""
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")

@@ -1,1 +1,1 @@
-"""What is logged to MLflow of a sweep and its trials."""
+"""Log of a sweep and its trials in MLflow."""

@@ -1,55 +1,58 @@
-"""Which trials of a sweep have ended, and what their runs at MLflow are to hold."""
+"""Trials of a sweep that have ended, and the content of their runs at MLflow."""
 
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
 import pandas as pd
 from rich.console import Console
 
+from sweeps.configuration.grid import Sweep
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress import StageProgress
-from sweeps.mlflow.page import datasets, tags
-from sweeps.plan.trial import DetectorTrial, Trial, with_detector
+from sweeps.mlflow.experiment import datasets, tags
+from sweeps.plan.labels import further_axes
+from sweeps.plan.trial import DetectorTrial, Plan, Trial, with_detector
+from sweeps.results.promotion import at_most
 from sweeps.results.trial_results import (
     surrogate_table,
     trial_failure,
     trial_results,
     trial_seconds,
 )
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
-from sweeps.tasks.task import Task
 from tracking.mlflow.content import EndedTrial, TrialRun, requirement_metrics, trial_metrics
 
 
 class TrialLog(StageProgress):
-    """Also yields the trials that have ended. Trials without a detector, and those that were pruned
-    before they began, have no run: they may be thousands, and MLflow takes some 40 ms of a core for
-    each. `axes` are the further ones, `there` keys of results of before."""
+    """Progress of stages that also yields the trials that have ended.
+
+    Trials without a detector, and those that were pruned before they began, have no run: they
+    may be thousands, and MLflow takes some 40 ms of a core for each. `cached` are keys of
+    results of an earlier run."""
 
     def __init__(
         self,
         console: Console,
-        tasks: Sequence[Task],
+        sweep: Sweep,
+        plan: Plan,
         store: Store,
         failures: FailureFolder,
-        *,
-        trials: Sequence[Trial],
-        axes: Sequence[str],
-        there: Collection[str],
+        cached: Collection[str],
         pictures: Path,
     ) -> None:
-        super().__init__(console, tasks, store, failures)
-        self._trials = with_detector(trials)
+        super().__init__(console, at_most(sweep, plan), store, failures)
+        self._trials = with_detector(plan.trials)
         self._store = store
-        self._axes = axes
-        self._times = dict.fromkeys(there, _now_ms())
+        self._axes = further_axes(sweep)
+        self._times = dict.fromkeys(cached, _now_ms())
         self._known: Mapping[str, Failure] = {}
         self._pictures = pictures
 
     def ended(self) -> Iterator[EndedTrial]:
-        """The trials that have all results, and after `end` those that failed."""
+        """Yield the trials that have all results, and after `end` those that failed."""
         for trial in self._trials:
             if all(task.key in self._times for task in trial.results):
                 yield EndedTrial(trial.key, partial(self._finished, trial))
@@ -58,11 +61,12 @@ class TrialLog(StageProgress):
 
     def end(self, failures: Mapping[str, Failure]) -> None:
         """Take up the failures, by the task's key, and what another driver finished."""
-        there = self._store.finished(task for trial in self._trials for task in trial.results)
-        self._times |= dict.fromkeys(there - self._times.keys(), _now_ms())
+        finished = self._store.finished(task for trial in self._trials for task in trial.results)
+        self._times |= dict.fromkeys(finished - self._times.keys(), _now_ms())
         self._known = failures
 
     def finished(self, task: Task) -> None:
+        """Take up the end of a task."""
         super().finished(task)
         self._times[task.key] = _now_ms()
 
@@ -90,10 +94,10 @@ class TrialLog(StageProgress):
         )
 
     def _without_results(self, trial: Trial) -> TrialRun:
-        known = trial.surrogates.key in self._times
-        metrics = self._metrics(trial, pd.DataFrame()) if known else {}
-        shown = tags(trial, self._axes)
-        return TrialRun(trial.label, self._params(trial), metrics, ended=_now_ms(), tags=shown)
+        has_surrogates = trial.surrogates.key in self._times
+        metrics = self._metrics(trial, pd.DataFrame()) if has_surrogates else {}
+        trial_tags = tags(trial, self._axes)
+        return TrialRun(trial.label, self._params(trial), metrics, ended=_now_ms(), tags=trial_tags)
 
     def _metrics(self, trial: Trial, results: pd.DataFrame) -> dict[str, float]:
         named = trial_metrics(results, surrogate_table(trial, self._store))
@@ -106,7 +110,7 @@ class TrialLog(StageProgress):
         point = trial.grid_point.point
         return {
             "placement": point.placement,
-            "detector": point.detected_by,
+            "detector": point.detector_name,
             "seed": point.seed,
             **{axis: trial.grid_point.axes[axis] for axis in self._axes},
             **{f"training.{k}": v for k, v in point.training.model_dump(mode="json").items()},
@@ -115,14 +119,14 @@ class TrialLog(StageProgress):
 
 
 def _pictures(trial: DetectorTrial, store: Store, folder: Path) -> list[Path]:
-    """PNGs of the placement, which trials share, and of precision over recall, each drawn once."""
+    """Draw PNGs of the placement, which trials share, and of precision over recall, each once."""
     from tracking.mlflow.pictures import draw_pr_curves, draw_rig
 
     # Clouds differ where the rig or its vehicle does.
     placement = folder / trial.collect_test[0].key / "placement.png"
     curves = folder / trial.key / "precision_recall.png"
     if not placement.exists():
-        rig = trial.surrogates.params.placement
+        rig = trial.surrogates.stage.placement
         name = trial.grid_point.point.placement
         draw_rig(placement, name, rig.mounts, rig.lidars, trial.grid_point.vehicle)
     table = store.read(trial.evaluate, lambda found: found.pr_curves)

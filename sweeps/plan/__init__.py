@@ -1,1 +1,1 @@
-"""From the points of a grid to tasks."""
+"""The plan of a sweep: tasks for the points of a grid."""

@@ -1,4 +1,6 @@
-"""The classes of a point and the log that it reads: are they there, and how large are they?"""
+"""Classes of a log: whether it has objects of them, and how large these are."""
+
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
@@ -8,60 +10,72 @@ from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.boxes import CLASSES
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import reading
-from sweeps.configuration.sweep import Point
+from sweeps.configuration.sweep import ClassSettings
 from training.typical_objects import TypicalObject, typical_objects
 
 
 def boxes_by_split(scene: LogScene) -> dict[str, pd.DataFrame]:
-    """Boxes of the frames to train on and to test on. Raises ConfigError: the log cannot be
-    read."""
+    """Return the boxes of the training and of the test frames.
+
+    Raises ConfigError: the log cannot be read.
+    """
     with reading("scene"):
         train = test = scene.read()
         if scene.test_folder is not None:
             test = scene.model_copy(update={"folder": scene.test_folder}).read()
-    found = {}
+    boxes = {}
     for split, log in {"train": train, "test": test}.items():
         frames = log.frames.loc[log.frames["split"] == split, "frame"]
-        found[split] = log.boxes[log.boxes["frame"].isin(frames)]
-    return found
+        boxes[split] = log.boxes[log.boxes["frame"].isin(frames)]
+    return boxes
 
 
-def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
-    """What is to be known of classes that the training frames of a log lack, a sentence each.
-    Raises InputError for a class that the configuration names by itself. Of the three that are
-    meant unless others are named, some may be missing, or all where nothing is there at all."""
-    assert isinstance(point.scene, LogScene)
+def check_classes(
+    scene: LogScene, classes: Sequence[str], boxes: Mapping[str, pd.DataFrame]
+) -> list[str]:
+    """Return a caution for each class that the training frames of a log lack.
+
+    Raises InputError for a class that the configuration names by itself. Of the three default
+    classes some may be missing, or all in a log without any box.
+    """
     counts = {split: counts_of(table["class"]) for split, table in boxes.items()}
-    missing = [name for name in point.classes if name not in counts["train"]]
-    none = len(missing) == len(point.classes) and bool(counts["train"])
-    said, where = [], point.scene.name
+    missing = [name for name in classes if name not in counts["train"]]
+    none = len(missing) == len(classes) and bool(counts["train"])
+    cautions = []
     for name in missing:
         if tests := counts["test"].get(name):
-            why = (
-                f"{where}: {name} has {tests:,} boxes in the test frames and none in the training "
-                "frames, from which surrogates are computed and detectors learn"
+            problem = (
+                f"{scene.name}: {name} has {tests:,} boxes in the test frames and none in the "
+                "training frames, from which surrogates are computed and detectors learn"
             )
         else:
-            hint, there = did_you_mean(name, counts["train"]), listed(counts["train"])
-            why = f"{where}: no box of class {name} in the training frames{hint}; found {there}"
+            hint, listing = did_you_mean(name, counts["train"]), listed(counts["train"])
+            problem = f"{scene.name}: no box of class {name} in the training frames{hint}"
+            problem += f"; found {listing}"
         if none or name not in CLASSES:
-            raise InputError(why, key="classes")
-        said.append(f"{why}.")
-    return said
+            raise InputError(problem, key="classes")
+        cautions.append(f"{problem}.")
+    return cautions
 
 
-def typical_of(point: Point, boxes: dict[str, pd.DataFrame] | None) -> tuple[TypicalObject, ...]:
-    """Of the classes whose anchors are not the preset's, in the order of the classes, by
-    `boxes_by_split` of a log; None: traffic is simulated, and all stand on the ground. Raises
-    InputError: the boxes of a class have no size."""
-    found = []
-    for name in point.classes:
-        size = point.class_settings[name].size if name in point.class_settings else None
+def typical_of(
+    classes: Sequence[str],
+    settings: Mapping[str, ClassSettings],
+    boxes: Mapping[str, pd.DataFrame] | None,
+) -> tuple[TypicalObject, ...]:
+    """Return a typical object of each class without anchors in a preset, in the order of classes.
+
+    `boxes`: of `boxes_by_split`; None: traffic is simulated, and all stand on the ground. Raises
+    InputError: the boxes of a class have no size.
+    """
+    objects = []
+    for name in classes:
+        size = settings[name].size if name in settings else None
         if size is None and name in CLASSES:
             continue
         measured = TypicalObject(name, size or (1.0, 1.0, 1.0))
         if boxes is not None and name in set(boxes["train"]["class"]):
             with at(key=f"class_settings.{name}.size"):
                 (measured,) = typical_objects(boxes["train"], [name])
-        found.append(TypicalObject(name, size or measured.size, measured.bottom))
-    return tuple(found)
+        objects.append(TypicalObject(name, size or measured.size, measured.bottom))
+    return tuple(objects)

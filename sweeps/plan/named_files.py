@@ -25,15 +25,17 @@ if TYPE_CHECKING:
 
 
 def curve_names(point: Point) -> tuple[tuple[str, str | None], ...]:
-    """The classes that need a detection curve, each with the one whose curve it may take."""
+    """List the classes that need a detection curve, each with the one whose curve it borrows."""
     if "expected_recall" not in point.surrogate.names:
         return ()
-    own = point.class_settings
-    return tuple((name, own[name].curve if name in own else None) for name in point.classes)
+    settings = point.class_settings
+    return tuple(
+        (name, settings[name].curve if name in settings else None) for name in point.classes
+    )
 
 
 def curves_of(path: Path | None, classes: Sequence[tuple[str, str | None]]) -> DetectionCurves:
-    """Detection curves, with one for each of `classes`: its own, or that of another."""
+    """Read detection curves, with one for each of `classes`: its own, or that of another."""
     with reading("surrogate.curves"):
         curves = default_curves() if path is None else read_curves(path)
         for name, other in classes:
@@ -43,11 +45,11 @@ def curves_of(path: Path | None, classes: Sequence[tuple[str, str | None]]) -> D
             if other is not None:
                 curves = curves.lent(other, name, IOU)
             if not curves.has(name, IOU):
-                known = ", ".join(curve.object_class for curve in curves.curves if curve.iou == IOU)
+                names = [curve.object_class for curve in curves.curves if curve.iou == IOU]
                 problem = f"expected_recall has no detection curve of {name} at IoU {IOU:g}"
                 fix = "remove expected_recall from surrogate.names, borrow a curve with "
                 fix += f"class_settings.{name}.curve, or fit one with lidarplace calibrate"
-                raise InputError(problem, expected=known, fix=fix)
+                raise InputError(problem, expected=", ".join(names), fix=fix)
     return curves
 
 
@@ -60,43 +62,50 @@ def checkpoint_of(
     typical: tuple[TypicalObject, ...],
     fixed: frozenset[str],
 ) -> tuple[str, tuple[TypicalObject, ...]]:
-    """SHA-256 of a checkpoint that fits, and the typical objects of the classes: those of the
-    checkpoint, unless `new_heads` are trained, before those of the data; of `fixed` ones those that
-    the configuration gives."""
+    """Return the SHA-256 of a checkpoint that fits, and the typical objects of the classes.
+
+    Those of the checkpoint, unless `new_heads` are trained, come before those of the data; `fixed`
+    classes have those of the configuration.
+    """
     # torch, which a sweep from scratch need not wait for
     from training.checkpoints import load_checkpoint, read_checkpoint
 
     with reading("training.checkpoint"):
-        known = {item.name: item for item in typical}
+        by_name = {item.name: item for item in typical}
         if not new_heads:
-            kept = from_plain(read_checkpoint(path)[0])
-            known |= {t.name: t for t in kept if t.name in classes and t.name not in fixed}
-        typical = tuple(known[name] for name in classes if name in known)
+            trained = from_plain(read_checkpoint(path)[0])
+            by_name |= {t.name: t for t in trained if t.name in classes and t.name not in fixed}
+        typical = tuple(by_name[name] for name in classes if name in by_name)
         model = build_detector(detector, classes, point_range=point_range, typical=typical)
         return load_checkpoint(model, path, new_heads).digest, typical
 
 
 def generalist_of(point: Point) -> Generalist:
-    """The generalist of `judge: pretrained`. Raises InputError: the file cannot be read, or
-    belongs to another network."""
+    """Return the generalist of `evaluator: pretrained`.
+
+    Raises InputError: the file cannot be read, or belongs to another network.
+    """
     path = point.training.checkpoint or PRETRAINED
     with reading("training.checkpoint"):
-        found = _read_generalist(path)
-    if point.detector != found.detector:
-        problem, own = f"{path} has weights of another network", found.detector
-        raise InputError(problem, key="detector", expected=own, found=point.detector)
-    return found
+        generalist = _read_generalist(path)
+    if point.detector != (expected := generalist.detector):
+        problem = f"{path} has weights of another network"
+        raise InputError(problem, key="detector", expected=expected, found=point.detector)
+    return generalist
 
 
 def outside_of(point: Point, rig: Placement) -> str | None:
-    """How a rig, with the LiDARs of its clouds, the ROI or a class is outside of what `judge:
-    pretrained` was trained on, a line; None if nothing is. Raises as `generalist_of`."""
+    """Describe how a rig, the ROI or a class differs from what the pretrained weights know.
+
+    `rig`: with the LiDARs of its clouds. A line, or None if nothing does. Raises InputError: see
+    `generalist_of`.
+    """
     roi = point.roi
     crop = crop_for(roi.x, roi.y, roi.z, rig)
     outside = generalist_of(point).domain.outside(rig, crop, point.classes)
     return outside and (
-        f"outside of what judge: pretrained was trained on: {outside}; judge: generalist trains a "
-        "detector for these rigs"
+        f"outside of what evaluator: pretrained was trained on: {outside}; "
+        "evaluator: generalist trains a detector for these rigs"
     )
 
 
@@ -110,26 +119,28 @@ def _read_generalist(path: Path) -> Generalist:
 def check_network(
     detector: str, classes: Sequence[str], point_range: Crop, typical: tuple[TypicalObject, ...]
 ) -> None:
-    """Build a network of a plug-in: errors are reported before hours of scenes."""
-    if NETWORKS.roots([network_of(detector)]):
+    """Build a network of a plug-in, to report errors before hours of scenes."""
+    if NETWORKS.modules([network_of(detector)]):
         with at(key="detector"):
             build_detector(detector, classes, point_range=point_range, typical=typical)
 
 
 def digests_of(paths: Sequence[Path]) -> tuple[str, ...]:
-    """Hashes of the content of files, and of folders with the names in them."""
-    found = []
+    """Hash the content of files, and of folders with the names in them."""
+    digests = []
     for path in paths:
-        with reading("judge.depends_on"):
+        with reading("evaluator.depends_on"):
             if path.is_dir():
-                files = (own for own in path.rglob("*") if own.is_file() and own.suffix != ".pyc")
+                files = (
+                    file for file in path.rglob("*") if file.is_file() and file.suffix != ".pyc"
+                )
                 parts = [
                     b"%s\0%s" % (bytes(f.relative_to(path)), _digest(f)) for f in sorted(files)
                 ]
-                found.append(hashlib.sha256(b"".join(parts)).hexdigest())
+                digests.append(hashlib.sha256(b"".join(parts)).hexdigest())
             else:
-                found.append(_digest(path).hex())
-    return tuple(found)
+                digests.append(_digest(path).hex())
+    return tuple(digests)
 
 
 def _digest(path: Path) -> bytes:

@@ -9,17 +9,20 @@ from lidarplace.base.errors import InputError
 from lidarplace.clouds.clouds import Crop
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.trial import Plan, with_detector
-from sweeps.tasks.parameters import PretrainParams, TrainingParams
-from sweeps.tasks.results import Trained
-from sweeps.tasks.task import Task
+from sweeps.stages.collect import CollectStage
+from sweeps.stages.task import Task, tasks_of
+from sweeps.stages.train import FinetuneStage, PretrainStage
 
 _MIXED = ("placement", "lidar", "vehicle", "mounting_errors", "seed", "surrogate")
 """Axes that may have several values: those of the rig are mixed, the others do not matter."""
 
 
-def training_of(sweep: Sweep, plan: Plan) -> Task[Trained]:
-    """A training on the clouds of all placements of a sweep, with the seed of its first point.
-    Raises InputError: no detector, or several, or trainings, scenes, ROIs, lists of classes."""
+def training_of(sweep: Sweep, plan: Plan) -> Task[FinetuneStage]:
+    """Return a training on the clouds of all placements, with the seed of the first point.
+
+    Raises InputError: no detector, or several detectors, trainings, scenes, ROIs or lists of
+    classes.
+    """
     for axis in sweep.axes:
         # A value may be a list or a mapping.
         values = {repr(grid_point.axes[axis]) for grid_point in sweep.points}
@@ -27,35 +30,35 @@ def training_of(sweep: Sweep, plan: Plan) -> Task[Trained]:
             key, fix = f"grid.{axis}", f"choose with --set 'grid.{axis}=[…]'"
             every = ", ".join(sorted(values))
             raise InputError("a base is trained for one value", key=key, found=every, fix=fix)
-    found = [trial.finetune for trial in with_detector(plan.trials)]
-    trainings = [training for training in found if training is not None]
+    trainings = [trial.finetune for trial in with_detector(plan.trials) if trial.finetune]
     if not trainings:
         fix = "name the detector of the base"
         raise InputError("null or a command trains nothing", key="detector", fix=fix)
     inputs = {needed.key: needed for training in trainings for needed in training.inputs}
-    params = trainings[0].params
-    params = replace(params, point_range=_around([own.params.point_range for own in trainings]))
-    return Task("pretrain", params.detector, params, tuple(inputs.values()))
+    stages = [training.stage for training in trainings]
+    stage = replace(stages[0], point_range=_around([stage.point_range for stage in stages]))
+    return Task(stage, stage.detector, tuple(inputs.values()))
 
 
-def pretrain_task(trainings: Sequence[Task[Trained]]) -> Task[Trained]:
-    """One training on the clouds of several, of sweeps or of the generalists of searches, with the
-    network and the settings that they share. Raises InputError: they differ in these."""
-    every = [training.params for training in trainings]
+def pretrain_task(trainings: Sequence[Task[FinetuneStage]]) -> Task[PretrainStage]:
+    """Return one training on the clouds of several, with the network and settings that they share.
+
+    `trainings`: of sweeps, or of the generalists of searches. Raises InputError: they differ in
+    network or settings.
+    """
+    stages = [training.stage for training in trainings]
     for name in ("detector", "classes", "training", "typical", "seed"):
-        values = {repr(getattr(params, name)) for params in every}
+        values = {repr(getattr(stage, name)) for stage in stages}
         if len(values) > 1:
-            found, expected = " and ".join(sorted(values)), "one network for all configurations"
-            raise InputError(key=name, expected=expected, found=found)
-    same = {own.name: getattr(every[0], own.name) for own in fields(TrainingParams)}
-    params = PretrainParams(
-        **same | {"point_range": _around([own.point_range for own in every])},
-        scenes=tuple(len(training.inputs) for training in trainings),
-    )
+            listed, expected = " and ".join(sorted(values)), "one network for all configurations"
+            raise InputError(key=name, expected=expected, found=listed)
+    shared = {item.name: getattr(stages[0], item.name) for item in fields(FinetuneStage)}
+    shared["point_range"] = _around([stage.point_range for stage in stages])
+    scenes = tuple(len(training.inputs) for training in trainings)
     inputs = tuple(needed for training in trainings for needed in training.inputs)
-    rigs = {own.params.placement for own in inputs if hasattr(own.params, "placement")}
-    label = f"{params.detector} · {len(rigs)} rigs"
-    return Task("pretrain", label, params, inputs, gpu=True, resumable=True)
+    rigs = {task.stage.placement for task in tasks_of(CollectStage, inputs)}
+    label = f"{stages[0].detector} · {len(rigs)} rigs"
+    return Task(PretrainStage(**shared, scenes=scenes), label, inputs)
 
 
 def _around(ranges: Sequence[Crop]) -> Crop:

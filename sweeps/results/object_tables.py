@@ -1,4 +1,4 @@
-"""The objects of the test frames, and which of them each trial found."""
+"""Objects of the test frames, and which of them each trial found."""
 
 from collections.abc import Sequence
 
@@ -20,13 +20,14 @@ ABOUT = ("scene", "frame", "route", "object_id", "class", *GEOMETRY, "visibility
 def object_tables(
     trials: Sequence[DetectorTrial], store: Store, axes: Sequence[str]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """`objects` and `found` of the run folder, of evaluated trials; `axes` are the further ones.
-    Objects that several trials share stand there once."""
-    own = OBJECTS.axes_of(axes)
+    """Make `objects` and `found` of the run folder from evaluated trials and the further `axes`.
+
+    Objects that several trials share are in it once."""
+    scene_axes = OBJECTS.axes_of(axes)
     of_setting: dict[tuple[object, ...], pd.DataFrame] = {}
-    found, first = [], 0
+    hits, first = [], 0
     for trial in trials:
-        setting = axis_values(trial, own)
+        setting = axis_values(trial, scene_axes)
         classes = trial.grid_point.point.classes
         place = (*(task.key for task in trial.test_truths), classes, *setting.values())
         if place not in of_setting:
@@ -34,10 +35,10 @@ def object_tables(
             objects.insert(0, "object", first + np.arange(len(objects)))
             of_setting[place] = with_columns(objects, setting)
             first += len(objects)
-        found.append(_found(trial, of_setting[place], store))
-    if not found:
+        hits.append(_found(trial, of_setting[place], store))
+    if not hits:
         return pd.DataFrame(), pd.DataFrame()
-    return (pd.concat(of_setting.values(), ignore_index=True), pd.concat(found, ignore_index=True))
+    return (pd.concat(of_setting.values(), ignore_index=True), pd.concat(hits, ignore_index=True))
 
 
 def _test_objects(trial: DetectorTrial, store: Store) -> pd.DataFrame:
@@ -62,10 +63,10 @@ def _found(trial: DetectorTrial, objects: pd.DataFrame, store: Store) -> pd.Data
 
 
 def found_in(objects: pd.DataFrame, detections: pd.DataFrame) -> NDArray[np.bool_]:
-    """Which objects were found at the strict IoU of their class, shape (objects,)."""
+    """Tell which objects were found at the strict IoU of their class, shape (objects,)."""
     hit = np.zeros(len(objects), np.bool_)
     for name in objects["class"].unique():
-        here = (objects["class"] == name).to_numpy()
+        of_class = (objects["class"] == name).to_numpy()
         boxes = detections[detections["class"] == name]
-        hit[here] = found_objects(objects[here], boxes, kitti_iou(str(name)).strict)
+        hit[of_class] = found_objects(objects[of_class], boxes, kitti_iou(str(name)).strict)
     return hit

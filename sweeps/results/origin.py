@@ -12,12 +12,13 @@ from sweeps.configuration.grid import Sweep
 
 FILE = ".origin.json"
 _SCENE = ("source", "folder", "towns", "seed")
-"""Keys of a scene that say which one it is; the others say how much of it."""
+"""Keys of a scene that identify it; the others say how much of it is used."""
 
 
 def check_origin(sweep: Sweep) -> None:
     """Raise InputError if the run folder has the results of another file, or of another scene.
-    One that was moved with its folder, or whose file is gone, may go on."""
+
+    One that was moved with its folder, or whose file is gone, may continue."""
     folder, now = sweep.common.output / sweep.common.name, _origin(sweep)
     before = _recorded(folder)
     for key in ("file", *_SCENE):
@@ -39,7 +40,7 @@ def check_origin(sweep: Sweep) -> None:
 
 
 def record_origin(sweep: Sweep) -> None:
-    """Check, and write what a later command is compared with. Raises InputError."""
+    """Check the origin, and write what a later command is compared with. Raises InputError."""
     check_origin(sweep)
     folder = sweep.common.output / sweep.common.name
     folder.mkdir(parents=True, exist_ok=True)
@@ -56,8 +57,9 @@ def _recorded(folder: Path) -> dict[str, Any]:
 
 
 def _origin(sweep: Sweep) -> dict[str, Any]:
-    """Compute the origin. Paths are relative to the run folder, with which they may be moved; a
-    file in it, such as its config.yaml, is none of its origins."""
+    """Compute the origin; paths are relative to the run folder, with which they may be moved.
+
+    A file in the folder, such as its config.yaml, is not an origin."""
     folder = (sweep.common.output / sweep.common.name).resolve()
     scene = sweep.points[0].point.scene.model_dump(mode="json", include=set(_SCENE))
     varied = {axis.partition(".")[2] for axis in sweep.axes if axis.startswith("scene.")}

@@ -1,10 +1,7 @@
-"""Cheap values for all placements, full trainings for the best: the rungs of `promote`.
+"""Promotion: cheap values for all placements, full trainings for the best; the rungs of `promote`.
 
 A rung waits for all its placements before it decides, so the outcome does not depend on which
-machine was faster, nor on a stop in between.
-"""
-
-from __future__ import annotations
+machine was faster, nor on a stop in between."""
 
 import itertools
 import json
@@ -20,36 +17,38 @@ from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Rung
 from sweeps.plan.trial import Plan, Trial, with_detector
 from sweeps.results.trial_results import Cell, cells, headline_value, trial_seconds
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
-from sweeps.tasks.task import Task
 
 _ALL = "all"
 
 
 @dataclass
 class Promotion:
-    """How far the placements of a sweep have come.
+    """Progress of the placements of a sweep through the rungs.
 
     Attributes:
         pruned: by the trial's key, why it is not run.
         standings: rows of `table`.
-        complete: whether all rungs have decided, so that the full trainings may run.
-    """
+        complete: whether all rungs have decided, so that the full trainings may run."""
 
     pruned: dict[str, str] = field(default_factory=dict)
     standings: list[dict[str, Cell]] = field(default_factory=list)
     complete: bool = False
 
     def table(self) -> pd.DataFrame:
-        """A row per rung, group and placement: rung, detector, the further axes, placement, by,
-        class, value, rank (1 is best), kept, seconds (of this rung alone) and setting (what its
-        trainings change)."""
+        """Make a row per rung, group and placement.
+
+        Columns rung, detector, the further axes, placement, by, class, value, rank (1 is best),
+        kept, seconds (of this rung alone) and setting (what its trainings change)."""
         return pd.DataFrame(self.standings)
 
 
 def promote(sweep: Sweep, plan: Plan, store: Store, run: Callable[[list[Task]], bool]) -> Promotion:
-    """Go up the rungs of a sweep and, at last, through the full trainings. `run` runs the tasks a
-    rung needs, as far as they have no result, and returns whether to go on."""
+    """Go up the rungs of a sweep and, at last, through the full trainings.
+
+    `run` runs the tasks a rung needs, as far as they have no result, and returns whether to
+    continue."""
 
     def decide(number: int, rung: Rung, group: Mapping[str, list[Trial]]) -> dict[str, str | None]:
         rows, verdicts = _standings(number, rung, group, store)
@@ -62,7 +61,7 @@ def promote(sweep: Sweep, plan: Plan, store: Store, run: Callable[[list[Task]], 
 
 
 def at_most(sweep: Sweep, plan: Plan) -> list[Task]:
-    """The tasks of a sweep if every rung keeps as many placements as it says."""
+    """List the tasks of a sweep if every rung keeps as many placements as it may."""
     tasks: dict[str, Task] = {}
 
     def note(needed: list[Task]) -> bool:
@@ -77,13 +76,13 @@ def at_most(sweep: Sweep, plan: Plan) -> list[Task]:
 
 
 def survivors(values: Mapping[str, float], keep: int, direction: Direction) -> set[str]:
-    """The `keep` best names, and those that equal the last of them; none without a value."""
-    known = {name: value for name, value in values.items() if math.isfinite(value)}
-    if len(known) <= keep:
-        return set(known)
+    """Select the `keep` best names, and those that equal the last of them; none without a value."""
+    finite = {name: value for name, value in values.items() if math.isfinite(value)}
+    if len(finite) <= keep:
+        return set(finite)
     sign = 1 if direction == "maximize" else -1
-    least = sorted(sign * value for value in known.values())[-keep]
-    return {name for name, value in known.items() if sign * value >= least}
+    least = sorted(sign * value for value in finite.values())[-keep]
+    return {name for name, value in finite.items() if sign * value >= least}
 
 
 def _climb(
@@ -93,20 +92,27 @@ def _climb(
     decide: Callable[[int, Rung, Mapping[str, list[Trial]]], Mapping[str, str | None]],
     pruned: dict[str, str],
 ) -> bool:
-    """Run and decide rung by rung. Returns whether `run` went on to the end.
+    """Run and decide rung by rung; return whether `run` continued to the end.
 
     Args:
+        sweep: the sweep.
+        plan: its plan.
+        run: runs tasks, and returns whether to continue.
         decide: gets the trials of one group by placement; returns the placements that are out,
             with the reason, None if they are not pruned but have failed.
-        pruned: takes up the reasons by the trial's key.
-    """
+        pruned: takes up the reasons by the trial's key."""
     groups = _groups(plan.trials)
     rungs = sorted({trial.grid_point.rung for trial in plan.trials})
     out: set[str] = set()
     for number, rung in enumerate(sweep.common.promote):
         trained = next(r for r in rungs if r >= number)  # of a rung that trains nothing, the next
         contests = [_contest(trials, trained, out) for trials in groups]
-        every = (trial for contest in contests for own in contest.values() for trial in own)
+        every = (
+            trial
+            for contest in contests
+            for trials_of_placement in contest.values()
+            for trial in trials_of_placement
+        )
         ranked_by = (t.results if rung.by in RANKING else (t.pog, *t.scores) for t in every)
         if not run(plan.needed_for(itertools.chain.from_iterable(ranked_by))):
             return False
@@ -123,7 +129,7 @@ def _climb(
 
 
 def _groups(trials: Iterable[Trial]) -> list[list[Trial]]:
-    """By detector and further axes: placements compete within one group."""
+    """Group trials by detector and further axes: placements compete within one group."""
     groups: dict[str, list[Trial]] = {}
     for trial in trials:
         key = json.dumps([trial.grid_point.point.detector, _axes(trial)], sort_keys=True)
@@ -147,60 +153,68 @@ def _axes(trial: Trial) -> dict[str, object]:
 def _standings(
     number: int, rung: Rung, group: Mapping[str, list[Trial]], store: Store
 ) -> tuple[list[dict[str, Cell]], dict[str, str | None]]:
-    """Rows of `Promotion.table` of one group, and by placement why it is out."""
+    """Make rows of `Promotion.table` of one group, and by placement the reason why it is out."""
     if not group:
         return [], {}
-    point, axes = next((t.grid_point.point, _axes(t)) for own in group.values() for t in own)
+    point, axes = next(
+        (t.grid_point.point, _axes(t))
+        for trials_of_placement in group.values()
+        for t in trials_of_placement
+    )
     object_class = rung.object_class or (point.classes[0] if rung.by in OF_CLASSES else _ALL)
-    found = {n: _value_and_seconds(own, rung, object_class, store) for n, own in group.items()}
-    values = {name: value for name, (value, _) in found.items()}
-    kept = survivors(values, rung.keep, rung.best)
+    measured = {
+        n: _value_and_seconds(trials_of_placement, rung, object_class, store)
+        for n, trials_of_placement in group.items()
+    }
+    values = {name: value for name, (value, _) in measured.items()}
+    survived = survivors(values, rung.keep, rung.best)
     ranks = pd.Series(values).rank(
         method="min", ascending=rung.best == "minimize", na_option="bottom"
     )
     rows: list[dict[str, Cell]] = [
         {
             "rung": number,
-            "detector": point.detected_by or "",
+            "detector": point.detector_name or "",
             **cells(axes),
             "placement": name,
             "by": rung.by,
             "class": object_class,
             "value": values[name],
             "rank": int(ranks[name]),
-            "kept": name in kept,
+            "kept": name in survived,
             "seconds": seconds,
             "setting": ", ".join(f"{key}={value}" for key, value in rung.set.items()),
         }
-        for name, (_, seconds) in found.items()
+        for name, (_, seconds) in measured.items()
     ]
 
     def reason(name: str) -> str | None:
-        """None if a surrogate failed, which is no verdict on the placement."""
         if math.isfinite(values[name]):
             place = f"rank {int(ranks[name])} of {len(group)}"
-            return f"{place} by {rung.by} ({object_class}), {len(kept)} kept"
+            return f"{place} by {rung.by} ({object_class}), {len(survived)} kept"
         return f"rung {number} has no {rung.by} of every seed" if rung.by in RANKING else None
 
-    return rows, {name: reason(name) for name in group if name not in kept}
+    return rows, {name: reason(name) for name in group if name not in survived}
 
 
 def _value_and_seconds(
     trials: Sequence[Trial], rung: Rung, object_class: str, store: Store
 ) -> tuple[float, float]:
-    """What a placement is ranked by, a mean over seeds for a metric; NaN if nothing is there."""
+    """Return what ranks a placement, a mean over seeds for a metric; NaN if nothing is there."""
     if rung.by in RANKING:
         whole = [trial for trial in with_detector(trials) if store.has(trial.evaluate)]
         seconds = math.fsum(trial_seconds(trial, store) for trial in whole)
         if len(whole) < len(trials):  # a mean over the other seeds would compare unlike things
             return math.nan, seconds
         tables = (store.read(trial.evaluate, lambda found: found.metrics) for trial in whole)
-        return fmean(headline_value(own, rung.by, object_class) for own in tables), seconds
+        return fmean(
+            headline_value(of_surrogate, rung.by, object_class) for of_surrogate in tables
+        ), seconds
     task = trials[0].score_by(rung.by)
     if not store.has(task):
         return math.nan, math.nan
-    table = store.read(task, lambda own: own.table)
-    own = table[table["surrogate"] == rung.by]
+    table = store.read(task, lambda of_surrogate: of_surrogate.table)
+    of_surrogate = table[table["surrogate"] == rung.by]
     if object_class != _ALL:
-        own = own[own["class"] == object_class]
-    return math.fsum(own["value"]), store.record(task).seconds
+        of_surrogate = of_surrogate[of_surrogate["class"] == object_class]
+    return math.fsum(of_surrogate["value"]), store.record(task).seconds

@@ -1,4 +1,4 @@
-"""The rigs of a sweep for people: a file that the studio opens, a page, and their LiDAR models."""
+"""Rigs of a sweep for people: a file that the studio opens, a page, and their LiDAR models."""
 
 import math
 from dataclasses import asdict
@@ -17,7 +17,7 @@ from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Point
 from tracking.figures.kit.vehicle_lines import name_of
-from tracking.pages.page import SECTIONS_ALONE, write_page
+from tracking.pages.html_page import SECTIONS_ALONE, write_page
 from tracking.pages.section import Section
 from tracking.report.decision.rigs import rig_views, viewed_rig
 from tracking.run_folders.sweep_json import LidarModel
@@ -28,30 +28,33 @@ _ALIKE = (
     *("azimuth_steps", "range", "range_10", "range_80", "min_range", "range_noise"),
     *("drop_off", "window"),
 )
-"""What a LiDAR and its settings have under one name and in one unit."""
+"""Attributes that a LiDAR and its settings have under one name and in one unit."""
 
 MOST_DRAWN = 40
-"""Rigs; a page of more is not looked at."""
+"""Most rigs of a page; more are not looked at."""
 
 
 def lidar_models(sweep: Sweep) -> dict[str, tuple[LidarModel, ...]]:
-    """The model of every mount, by the placement's name; none where an axis varies it."""
+    """Describe the model of every mount, by the placement's name; {} where an axis varies it."""
     if any(axis.partition(".")[0] == "lidar" for axis in sweep.axes):
         return {}
-    points = {own.point.placement: own for own in sweep.points}
-    return {name: _models(sweep, own.point, own.rig) for name, own in points.items()}
+    points = {grid_point.point.placement: grid_point for grid_point in sweep.points}
+    return {
+        name: _models(sweep, grid_point.point, grid_point.rig)
+        for name, grid_point in points.items()
+    }
 
 
 def _models(sweep: Sweep, point: Point, rig: Placement) -> tuple[LidarModel, ...]:
     settings = sweep.common.placements.get(point.placement)
     if settings is None:
-        own = [point.lidar.name] * len(rig.mounts)
+        names = [point.lidar.name] * len(rig.mounts)
     elif settings.recorded:  # by their beams alone
-        own = [None] * len(rig.mounts)
+        names = [None] * len(rig.mounts)
     else:
-        own = [(mount.lidar or point.lidar).name for mount in settings.mounts]
+        names = [(mount.lidar or point.lidar).name for mount in settings.mounts]
     models = []
-    for name, lidar in zip(own, rig.lidars, strict=True):
+    for name, lidar in zip(names, rig.lidars, strict=True):
         low, high = np.degrees([min(lidar.elevations), max(lidar.elevations)]).round(9)
         models.append(
             LidarModel(
@@ -66,9 +69,10 @@ def _models(sweep: Sweep, point: Point, rig: Placement) -> tuple[LidarModel, ...
 
 
 def write_rigs_page(sweep: Sweep, cautions: list[str]) -> Path:
-    """Draw the first `MOST_DRAWN` rigs from above and from the side, below what is to be known of
-    them. Returns the page, which is in the sweep's run folder."""
-    rigs = {own.point.placement: own.rig for own in sweep.points}
+    """Draw the first `MOST_DRAWN` rigs from above and from the side, below the cautions about them.
+
+    Returns the page, which is in the sweep's run folder."""
+    rigs = {grid_point.point.placement: grid_point.rig for grid_point in sweep.points}
     models = lidar_models(sweep)
     drawn = list(rigs)[:MOST_DRAWN]
     vehicle = sweep.points[0].vehicle
@@ -92,27 +96,26 @@ def write_rigs_page(sweep: Sweep, cautions: list[str]) -> Path:
 
 
 def rigs_yaml(sweep: Sweep) -> str:
-    """Its placements, their LiDARs, the vehicle and its requirements.
+    """Write the placements of a sweep, their LiDARs, the vehicle and its requirements as YAML.
 
     Own placements are in the words of the configuration, those of a recorded rig by coordinates.
-    Where an axis varies LiDARs or vehicle, they are those of the first point.
-    """
-    own = dict(sweep.source.get("placements", {}))
+    Where an axis varies LiDARs or vehicle, they are those of the first point."""
+    placements = dict(sweep.source.get("placements", {}))
     for name, settings in sweep.common.placements.items():
         if settings.recorded:
-            own[name] = _of_log(sweep.points[0].point, settings.recorded)
+            placements[name] = _of_log(sweep.points[0].point, settings.recorded)
     names = dict.fromkeys(point.point.placement for point in sweep.points)
-    for name in names.keys() - own.keys():
-        own[name] = {"mounts": [_pose(mount) for mount in PAPER_PLACEMENTS[name].mounts]}
+    for name in names.keys() - placements.keys():
+        placements[name] = {"mounts": [_pose(mount) for mount in PAPER_PLACEMENTS[name].mounts]}
     sensor = sweep.points[0].point.lidar.model_dump(
         mode="json", include={*SensorSettings.model_fields}, exclude_unset=True
     )
     vehicle = sweep.points[0].point.model_dump(mode="json", include={"vehicle"}, exclude_unset=True)
     content = {
         **vehicle,
-        **{key: own for key, own in sweep.source.items() if key == "requirements"},
+        **{key: placements for key, placements in sweep.source.items() if key == "requirements"},
         "lidar": as_written(SensorSettings.model_validate(sensor)),
-        "placements": {name: own[name] for name in names},
+        "placements": {name: placements[name] for name in names},
     }
     return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
 
@@ -122,23 +125,26 @@ def _pose(mount: Mount) -> dict[str, object]:
 
 
 def _of_log(point: Point, names: tuple[str, ...]) -> dict[str, object]:
-    """LiDARs of a recorded rig with their models, corrected as those of the sweep."""
+    """Describe the LiDARs of a recorded rig with their models, corrected as those of the sweep."""
     assert isinstance(point.scene, LogScene)  # as the rig was built
     rig, correction = point.scene.rig.subset(names), point.lidar.correction
-    known = () if correction is None else read_correction(correction).lidars
+    corrected_units = () if correction is None else read_correction(correction).lidars
     mounts = []
     for name, mount, lidar in zip(
         rig.names, rig.placement.mounts, rig.placement.lidars, strict=True
     ):
         model = _model(lidar)
         if correction is not None:
-            model |= {"correction": correction, **({"unit": name} if name in known else {})}
+            model |= {
+                "correction": correction,
+                **({"unit": name} if name in corrected_units else {}),
+            }
         mounts.append({"name": name, **_pose(mount), "lidar": model})
     return {"mounts": mounts}
 
 
 def _model(lidar: Lidar) -> dict[str, object]:
-    """A LiDAR whose beams turn, in the words of a configuration."""
+    """Describe a LiDAR whose beams turn, in the words of a configuration."""
     settings = SensorSettings(
         **{name: getattr(lidar, name) for name in _ALIKE},
         elevations_deg=tuple(round(math.degrees(e), DIGITS) for e in lidar.elevations),

@@ -1,12 +1,10 @@
-"""The run folder: what a sweep found, as tables that stay readable without this project."""
-
-from __future__ import annotations
+"""Run folder: results of a sweep, as tables that stay readable without this project."""
 
 import platform
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import version
 from operator import attrgetter
 from pathlib import Path
@@ -21,9 +19,8 @@ from lidarplace.mounting.vehicle import Vehicle
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.execute import Outcome
-from sweeps.plan.plan import further_axes
+from sweeps.plan.labels import further_axes
 from sweeps.plan.trial import DetectorTrial, Plan, Trial, with_detector
-from sweeps.results.failure_frames import failure_frames
 from sweeps.results.object_tables import object_tables
 from sweeps.results.pictures import drawn, grounds, maps, one_frame
 from sweeps.results.promotion import Promotion
@@ -34,45 +31,44 @@ from sweeps.results.trial_results import (
     axis_values,
     identity,
     trial_failure,
-    trial_results,
     trial_seconds,
     with_columns,
 )
+from sweeps.stages.evaluate import EVALUATION_TABLES
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
-from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
-from tracking.run_folders.arrays import FailureFrames, Grounds
+from tracking.run_folders.arrays import Grounds
 from tracking.run_folders.json_file import Triangles
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
-from tracking.run_folders.table import Table
+from tracking.run_folders.table_schema import TableSchema
 from training.typical_objects import as_plain
 
-OF_EVALUATION = {
-    contract.RESULTS: "metrics",
-    contract.PR_CURVES: "pr_curves",
-    contract.LEFT_OUT: "left_out",
-    contract.DISTANCE: "by_distance",
-    contract.SECTOR: "by_sector",
-}
-"""Tables that are fields of `Evaluated`."""
-_OF_STAGE = {
-    contract.ACCURACY: ("accuracy", "table"),
-    contract.SAMPLING_ERROR: ("sampling_error", "estimates"),
-    contract.POG_RESAMPLES: ("sampling_error", "resamples"),
-    contract.REQUIREMENTS: ("requirements", "table"),
-}
-"""Tables that are fields of the result of one of a trial's tasks."""
+_OF_STAGES = (
+    *("surrogates", "curves", *EVALUATION_TABLES.values()),
+    *("accuracy", "sampling_error", "pog_resamples", "requirements"),
+)
+"""Tables of stages that a run folder has even without rows."""
+_Rows = tuple[Trial, Sequence[Task], Callable[[], pd.DataFrame | None]]
+"""A trial, the tasks that decide its rows of a table, and what reads these."""
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
 
 
 @dataclass(frozen=True)
 class Run:
-    """What happened when a plan was run: keys of tasks that had a result before, how many tasks
-    could run at once, None where none ran, what the user typed, and when it started, on the clock
-    of `Outcome.times`."""
+    """Run of a plan.
+
+    Attributes:
+        outcome: failures and times of tasks.
+        promotion: progress through the rungs.
+        cached: keys of tasks that had a result before.
+        cores: how many tasks could run at once, None where none ran.
+        command: what the user typed.
+        started: when it started, on the clock of `Outcome.times`.
+        seconds: how long it took."""
 
     outcome: Outcome
     promotion: Promotion
@@ -83,52 +79,34 @@ class Run:
     seconds: float
 
 
-def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) -> None:
-    """Gather the results of all trials into `folder`, each file renamed into place."""
+def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) -> Analysis:
+    """Gather the results of all trials into `folder`, each file renamed into place.
+
+    Returns the analysis of the folder.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     axes = further_axes(sweep)
-    there = store.finished(plan.tasks)
-    known = [trial for trial in plan.trials if trial.surrogates.key in there]
-    good = [trial for trial in known if all(task.key in there for task in trial.results)]
-    tested = with_detector(good)
+    finished = store.finished(plan.tasks)
+    started = [trial for trial in plan.trials if trial.surrogates.key in finished]
+    complete = [trial for trial in started if all(task.key in finished for task in trial.results)]
+    tested = with_detector(complete)
 
-    def of_stage(own: Table, task_of: str, field: str) -> pd.DataFrame:
-        """One table of a stage."""
-        tasks = ((trial, getattr(trial, task_of)) for trial in known)
-        read = attrgetter(field)
-        there_of = (
-            (trial, (task,), partial(store.read, task, read))
-            for trial, task in tasks
-            if task is not None and task.key in there
-        )
-        return _once(own, axes, there_of)
-
-    def of_evaluation(field: str) -> pd.DataFrame:
-        """One table of the evaluations."""
-        return _stack([trial_results(own, store, axes, attrgetter(field)) for own in tested])
-
-    objects, found = object_tables(tested, store, axes)
-    scored = [of_stage(contract.SURROGATES, stage, "table") for stage in ("surrogates", "recall")]
-    surrogates = _stack(scored)
-    points = ((own, own.collect_test, partial(_points, own, store)) for own in tested)
-    individuals = ((own, own.ground_truths, partial(_individuals, own, store)) for own in tested)
-    curves = [
-        with_columns(store.read(own.finetune, lambda training: training.curve), {"trial": own.key})
-        for own in tested
-        if own.finetune is not None
-    ]
+    objects, hits = object_tables(tested, store, axes)
+    by_stage = _stage_tables(started, finished, store, axes)
+    surrogates = by_stage[contract.SURROGATES.name]
+    points = ((trial, trial.collect_test, partial(_points, trial, store)) for trial in tested)
+    individuals = (
+        (trial, trial.ground_truths, partial(_individuals, trial, store)) for trial in tested
+    )
     write_text(folder / "config.yaml", public_yaml(sweep.source))
     write_text(folder / FILE, rigs_yaml(sweep))
     for table, frame in (
         (contract.TRIALS, trials_table(plan, store, run, axes)),
-        (contract.SURROGATES, surrogates),
-        (contract.CURVES, _stack(curves)),
         (contract.POINTS, _once(contract.POINTS, axes, points)),
         (contract.INDIVIDUALS, _once(contract.INDIVIDUALS, axes, individuals)),
         (contract.OBJECTS, objects),
-        (contract.FOUND, found),
-        *((own, of_evaluation(field)) for own, field in OF_EVALUATION.items()),
-        *((own, of_stage(own, *where)) for own, where in _OF_STAGE.items()),
+        (contract.FOUND, hits),
+        *((_table(name), frame) for name, frame in by_stage.items()),
         (contract.PROMOTIONS, run.promotion.table()),
         (contract.TASKS, _tasks_table(plan.tasks, store, run)),
     ):
@@ -137,28 +115,55 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
     frames = Counter[str]()
     pictured: Mapping[str, Cell] = {}
     body = plan.trials[0].grid_point.vehicle
-    if known:
-        for scene in (task for task in known[0].scenes if task.key in there):
+    if started:
+        for scene in (task for task in started[0].scenes if task.key in finished):
             frames.update(store.read(scene, lambda log: log.frames)["split"])
-        shown = drawn(known, tested, surrogates)
-        maps(shown, store).write(folder)
+        drawn_trials = drawn(started, tested, surrogates)
+        maps(drawn_trials, store).write(folder)
         if plan.laid:
-            grounds(plan, shown, store).write(folder)
+            grounds(plan, drawn_trials, store).write(folder)
         if tested:
-            one_frame(with_detector(shown), store).write(folder)
-        pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
-        body = shown[0].grid_point.vehicle
+            one_frame(with_detector(drawn_trials), store).write(folder)
+        pictured = axis_values(drawn_trials[0], [a for a in axes if a in surrogates.columns])
+        body = drawn_trials[0].grid_point.vehicle
     counts = Frames(train=frames["train"], test=frames["test"])
     cautions = [*plan.cautions, *rig_cautions(plan), *_detection_cautions(tested, store)]
     _about(sweep, counts, run, pictured, body, plan, cautions).write(folder)
-    (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
-    compared = Analysis.of(RunFolder.read(folder)).pair
-    if compared is not None:
-        failure_frames(compared, {trial.key: trial for trial in tested}, store).write(folder)
+    return Analysis(RunFolder.read(folder))
+
+
+@cache
+def _table(name: str) -> TableSchema:
+    """Return the table of a run folder; one that only a new stage knows has placement and axes."""
+    by_name = {table.name: table for table in contract.TABLES}
+    return by_name.get(name) or TableSchema.of(
+        name, "a row of a stage", contract.PLACEMENT, axes=("",)
+    )
+
+
+def _stage_tables(
+    trials: Sequence[Trial], finished: Collection[str], store: Store, axes: Sequence[str]
+) -> dict[str, pd.DataFrame]:
+    """Return the tables that results of stages hold, by name.
+
+    A table of trials gets the rows of those of which all results are there.
+    """
+    rows: dict[str, list[_Rows]] = {name: [] for name in _OF_STAGES}
+    for trial in trials:
+        whole = all(task.key in finished for task in trial.results)
+        for task in dict.fromkeys(trial.results):
+            for field, name in task.stage.tables.items():
+                if task.key in finished and (whole or not _has(_table(name), "trial")):
+                    read = partial(store.read, task, attrgetter(field))
+                    rows.setdefault(name, []).append((trial, (task,), read))
+    for name, of_table in rows.items():
+        if not _has(_table(name), "trial"):
+            of_table.sort(key=lambda row: row[1][0].stage.order)
+    return {name: _once(_table(name), axes, of_table) for name, of_table in rows.items()}
 
 
 def trials_table(plan: Plan, store: Store, run: Run, axes: Sequence[str]) -> pd.DataFrame:
-    """One row a trial: trial, placement, detector, seed, axes, seconds, status, error."""
+    """Make one row a trial: trial, placement, detector, seed, axes, seconds, status, error."""
     rows = []
     for trial in plan.trials:
         row: dict[str, Cell] = {"seconds": np.nan, "status": "finished", "error": ""}
@@ -175,7 +180,7 @@ def trials_table(plan: Plan, store: Store, run: Run, axes: Sequence[str]) -> pd.
 def _detection_cautions(trials: Sequence[DetectorTrial], store: Store) -> list[str]:
     """Return the cautions about the detections of commands, each command once."""
     learnt = {trial.learns.key: trial.learns for trial in trials}
-    commands = [task for task in learnt.values() if task.stage == "command"]
+    commands = [task for task in learnt.values() if task.stage.name == "command"]
     return [text for task in commands for text in store.read(task, attrgetter("cautions"))]
 
 
@@ -183,26 +188,23 @@ def _stack(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
-def _once(
-    own: Table,
-    axes: Sequence[str],
-    found: Iterable[tuple[Trial, Sequence[Task], Callable[[], pd.DataFrame | None]]],
-) -> pd.DataFrame:
-    """One table of trials, from tasks that decide their rows; what trials share is in it once."""
-    tables: dict[tuple[object, ...], pd.DataFrame | None] = {}
-    by_placement = any(column.name == "placement" for column in own.columns)
-    for trial, tasks, rows in found:
-        columns: dict[str, Cell] = {}
-        if by_placement:
-            columns["placement"] = trial.grid_point.point.placement
-        columns |= axis_values(trial, own.axes_of(axes))
+def _once(table: TableSchema, axes: Sequence[str], rows: Iterable[_Rows]) -> pd.DataFrame:
+    """Stack rows of trials, with columns that distinguish them in front; shared rows once."""
+    parts: dict[tuple[object, ...], pd.DataFrame | None] = {}
+    for trial, tasks, read in rows:
+        columns = {name: v for name, v in identity(trial, ()).items() if _has(table, name)}
+        columns |= axis_values(trial, table.axes_of(axes))
         place = (*(task.key for task in tasks), *columns.values())
-        if place not in tables:
-            table = rows()
-            tables[place] = None if table is None else with_columns(table, columns)
-    # Trials may share some of their tasks: one that trains has the training frames besides.
-    every = _stack([table for table in tables.values() if table is not None])
-    return every.drop_duplicates(ignore_index=True)
+        if place not in parts:
+            part = read()
+            parts[place] = None if part is None else with_columns(part, columns)
+    every = _stack([part for part in parts.values() if part is not None])
+    # Trials may share some of their tasks: one that trains has the training frames, too.
+    return every if _has(table, "trial") else every.drop_duplicates(ignore_index=True)
+
+
+def _has(table: TableSchema, name: str) -> bool:
+    return any(column.name == name for column in table.columns)
 
 
 def _points(trial: DetectorTrial, store: Store) -> pd.DataFrame:
@@ -211,7 +213,7 @@ def _points(trial: DetectorTrial, store: Store) -> pd.DataFrame:
 
 
 def _individuals(trial: DetectorTrial, store: Store) -> pd.DataFrame:
-    """In how many frames of a split and a route every object counts."""
+    """Count the frames of a split and a route in which every object counts."""
     keys = ["split", "scene", "route", "class", "object_id"]
     truths = [store.read(task, lambda truth: truth.frames) for task in trial.ground_truths]
     frames = pd.concat(truths)[["frame", "route", "split"]]
@@ -226,8 +228,8 @@ def _objects(trial: DetectorTrial, store: Store) -> pd.DataFrame:
 
 
 def _tasks_table(tasks: Sequence[Task], store: Store, run: Run) -> pd.DataFrame:
-    rows, there = [], store.finished(tasks)
-    for task in (task for task in tasks if task.key in there):
+    rows, finished = [], store.finished(tasks)
+    for task in (task for task in tasks if task.key in finished):
         record = store.record(task)
         started, ended = run.outcome.times.get(task.key, (np.nan, np.nan))
         seconds = record.seconds
@@ -235,7 +237,7 @@ def _tasks_table(tasks: Sequence[Task], store: Store, run: Run) -> pd.DataFrame:
             seconds -= record.earlier_seconds
         rows.append(
             {
-                "stage": task.stage,
+                "stage": task.stage.name,
                 "label": task.label,
                 "key": task.key,
                 "seconds": seconds,
@@ -260,7 +262,7 @@ def _about(
     cautions: Sequence[str],
 ) -> SweepResult:
     first = sweep.points[0].point
-    rigs = {own.point.placement: own.rig for own in sweep.points}
+    rigs = {one.point.placement: one.rig for one in sweep.points}
     rungs = (rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote)
     return SweepResult(
         name=sweep.common.name,
@@ -269,13 +271,15 @@ def _about(
         placements={n: [astuple(mount) for mount in rig.mounts] for n, rig in rigs.items()},
         lidars=lidar_models(sweep),
         classes=first.classes,
-        anchors=[Anchor.model_validate(own) for own in as_plain(plan.typical)],
-        colours={n: own.colour for n, own in first.class_settings.items() if own.colour},
+        anchors=[Anchor.model_validate(size) for size in as_plain(plan.typical)],
+        colours={
+            n: setting.colour for n, setting in first.class_settings.items() if setting.colour
+        },
         roi=first.voxel_roi(),
         frames=frames,
         cautions=cautions,
         promote=[Rung.model_validate(rung) for rung in rungs],
-        judge=first.judged_by,
+        evaluator=first.evaluator_name,
         tracking_uri=public_url(absolute_uri(sweep.common.tracking_uri)),
         cores=run.cores,
         seconds=run.seconds,

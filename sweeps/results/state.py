@@ -1,6 +1,4 @@
-"""Where a sweep stands, read from its store and its run folder; nothing is run."""
-
-from __future__ import annotations
+"""State of a sweep, read from its store and its run folder; nothing is run."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -12,17 +10,19 @@ from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.plan.trial import Plan, Trial
 from sweeps.results.promotion import at_most, promote
 from sweeps.results.trial_results import trial_failure
+from sweeps.stages.task import Task
 from sweeps.store.local import Note, Store
 from sweeps.store.lock import is_locked
-from sweeps.tasks.task import Task
 
 Status = Literal["done", "running", "stopped", "waiting", "failed", "pruned"]
 
 
 @dataclass(frozen=True)
 class TrialState:
-    """Where a trial stands: "stopped" is what ran when the driver was killed. The detail is what
-    runs where, or why it failed or was pruned, the log the file with the traceback of a failure."""
+    """State of a trial: "stopped" is what ran when the driver was killed.
+
+    The detail is what runs where, or why it failed or was pruned, the log the file with the
+    traceback of a failure."""
 
     label: str
     status: Status
@@ -32,8 +32,9 @@ class TrialState:
 
 @dataclass(frozen=True)
 class SweepState:
-    """Where a sweep stands, and whether a driver runs it now: tasks by status, by stage, with
-    `promote` at most so many, and trials in the order of the grid."""
+    """State of a sweep, and whether a driver runs it now.
+
+    Tasks by status, by stage, with `promote` at most these, and trials in the order of the grid."""
 
     name: str
     alive: bool
@@ -42,20 +43,20 @@ class SweepState:
 
 
 def sweep_state(sweep: Sweep, plan: Plan, store: Store) -> SweepState:
-    """Look at everything that a sweep has left so far."""
+    """Read everything that a sweep has left so far."""
     folder = sweep.common.output / sweep.common.name
     alive = is_locked(folder)
     failed = FailureFolder(folder / "failed")
-    there = store.finished(plan.tasks)
-    look = _Look(
+    finished = store.finished(plan.tasks)
+    snapshot = _Snapshot(
         alive=alive,
-        there=there,
-        failures={key: why for key, why in failed.read().items() if key not in there},
-        notes=store.running_notes(task for task in plan.tasks if task.key not in there),
+        finished=finished,
+        failures={key: why for key, why in failed.read().items() if key not in finished},
+        notes=store.running_notes(task for task in plan.tasks if task.key not in finished),
     )
 
     def settled(tasks: list[Task]) -> bool:
-        return all(task.key in there or task.key in look.failures for task in tasks)
+        return all(task.key in finished or task.key in snapshot.failures for task in tasks)
 
     promotion = promote(sweep, plan, store, settled)
     if promotion.complete or not sweep.common.promote:
@@ -65,26 +66,26 @@ def sweep_state(sweep: Sweep, plan: Plan, store: Store) -> SweepState:
         expected = at_most(sweep, plan)
     stages: dict[str, Counter[str]] = {}
     for task in expected:
-        stages.setdefault(task.stage, Counter())[look.status(task)] += 1
+        stages.setdefault(task.stage.name, Counter())[snapshot.status(task)] += 1
     return SweepState(
         name=sweep.common.name,
-        alive=look.alive,
-        stages={stage: dict(own) for stage, own in stages.items()},
-        trials=[look.trial(trial, plan, promotion.pruned, failed) for trial in plan.trials],
+        alive=snapshot.alive,
+        stages={stage: dict(counts) for stage, counts in stages.items()},
+        trials=[snapshot.trial(trial, plan, promotion.pruned, failed) for trial in plan.trials],
     )
 
 
 @dataclass(frozen=True)
-class _Look:
-    """What was there at one moment: keys of results, and by key failures and what ran."""
+class _Snapshot:
+    """Results, failures and running tasks at one moment, by key."""
 
     alive: bool
-    there: set[str]
+    finished: set[str]
     failures: Mapping[str, Failure]
     notes: Mapping[str, Note]
 
     def status(self, task: Task) -> Status:
-        if task.key in self.there:
+        if task.key in self.finished:
             return "done"
         if task.key in self.failures:
             return "failed"
@@ -95,18 +96,18 @@ class _Look:
     ) -> TrialState:
         if trial.key in pruned:
             return TrialState(trial.label, "pruned", pruned[trial.key])
-        if all(task.key in self.there for task in trial.results):
+        if all(task.key in self.finished for task in trial.results):
             return TrialState(trial.label, "done")
         failure = trial_failure(trial, self.failures)
         if failure is not None:
             task = next(task for task in trial.results if task.key in self.failures)
             return TrialState(trial.label, "failed", failure.reason, str(failed.log(task)))
         for task in plan.needed_for(trial.results):
-            if task.key in self.notes and task.key not in self.there:
+            if task.key in self.notes and task.key not in self.finished:
                 note = self.notes[task.key]
                 where = f"{note.node}, process {note.pid}, since {note.since}"
                 far = f", {note.progress}" if note.progress else ""
-                return TrialState(trial.label, self._running, f"{task.stage} on {where}{far}")
+                return TrialState(trial.label, self._running, f"{task.stage.name} on {where}{far}")
         return TrialState(trial.label, "waiting")
 
     @property

@@ -1,4 +1,4 @@
-"""What one trial found, as tables with its place in the grid in front."""
+"""Results of one trial, as tables with its place in the grid in front."""
 
 import json
 import math
@@ -8,18 +8,18 @@ import pandas as pd
 
 from sweeps.execution.failures import Failure
 from sweeps.plan.trial import DetectorTrial, Trial
+from sweeps.stages.evaluate import EvaluationResult
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
-from sweeps.tasks.results import Evaluated
-from sweeps.tasks.task import Task
 from tracking.findings.groups import ONE_FOR_ALL
-from tracking.kitti_iou import judged
+from tracking.kitti_iou import at_headline_iou
 
 Cell = int | float | str
-"""What a cell of a table holds."""
+"""Value of a cell of a table."""
 
 
 def trial_failure(trial: Trial, failures: Mapping[str, Failure]) -> Failure | None:
-    """Why a trial has no result, None if none of its tasks failed."""
+    """Return why a trial has no result, None if none of its tasks failed."""
     return next((failures[t.key] for t in trial.results if t.key in failures), None)
 
 
@@ -27,52 +27,57 @@ def trial_results(
     trial: DetectorTrial,
     store: Store,
     axes: Sequence[str],
-    table: Callable[[Evaluated], pd.DataFrame] = lambda found: found.metrics,
+    table: Callable[[EvaluationResult], pd.DataFrame] = lambda found: found.metrics,
 ) -> pd.DataFrame:
-    """A table of a trial's evaluation, its identity in front."""
+    """Read a table of a trial's evaluation, its identity in front."""
     return with_columns(store.read(trial.evaluate, table), identity(trial, axes))
 
 
 def headline_value(metrics: pd.DataFrame, metric: str, object_class: str) -> float:
-    """A metric of a class at KITTI's IoU, percent; NaN if it was not measured."""
-    return next(iter(judged(metrics, metrics, object_class, metric)["value"].tolist()), math.nan)
+    """Return a metric of a class at KITTI's IoU, percent; NaN if it was not measured."""
+    return next(
+        iter(at_headline_iou(metrics, metrics, object_class, metric)["value"].tolist()), math.nan
+    )
 
 
 def trial_seconds(trial: Trial, store: Store) -> float:
-    """Seconds of training and evaluation; of the surrogates without a detector. A generalist's
-    training counts for none of the placements that it judges."""
+    """Sum the seconds of training and evaluation; of the surrogates without a detector.
+
+    A generalist's training counts for none of the placements that it evaluates."""
     tasks: tuple[Task, ...] = trial.scores
     if isinstance(trial, DetectorTrial):
-        alone = trial.grid_point.point.judge not in ONE_FOR_ALL
+        alone = trial.grid_point.point.evaluator not in ONE_FOR_ALL
         tasks = (trial.learns, trial.evaluate) if alone else (trial.evaluate,)
     return sum(store.record(task).seconds for task in tasks)
 
 
 def surrogate_table(trial: Trial, store: Store) -> pd.DataFrame:
-    """Its surrogates, as far as they have a result: class, surrogate, value, method, seconds."""
-    there = [task for task in trial.scores if store.has(task)]
-    return pd.concat([store.read(task, lambda own: own.table) for task in there], ignore_index=True)
+    """Read a trial's surrogates that have a result: class, surrogate, value, method, seconds."""
+    finished = [task for task in trial.scores if store.has(task)]
+    return pd.concat(
+        [store.read(task, lambda own: own.table) for task in finished], ignore_index=True
+    )
 
 
 def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
-    """Columns that distinguish a trial from others."""
+    """Return the columns that distinguish a trial from others."""
     point = trial.grid_point.point
-    own: dict[str, Cell] = {"trial": trial.key, "placement": point.placement}
-    own |= {"detector": point.detected_by or "", "seed": point.seed}
-    return own | axis_values(trial, axes)
+    columns: dict[str, Cell] = {"trial": trial.key, "placement": point.placement}
+    columns |= {"detector": point.detector_name or "", "seed": point.seed}
+    return columns | axis_values(trial, axes)
 
 
 def axis_values(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
-    """A trial's place on these axes, as cells of a table."""
+    """Return a trial's place on these axes, as cells of a table."""
     return cells({axis: trial.grid_point.axes[axis] for axis in axes})
 
 
 def cells(values: Mapping[str, object]) -> dict[str, Cell]:
-    """Values as cells of a table, which a list or mapping is not."""
+    """Convert values to cells of a table, which a list or mapping is not."""
     return {k: v if isinstance(v, (int, float, str)) else json.dumps(v) for k, v in values.items()}
 
 
 def with_columns(table: pd.DataFrame, columns: Mapping[str, Cell]) -> pd.DataFrame:
-    """`table` with constant columns in front."""
+    """Add constant columns in front of `table`."""
     constant = pd.DataFrame({name: [value] * len(table) for name, value in columns.items()})
     return pd.concat([constant, table], axis=1)

@@ -1,6 +1,6 @@
-"""Copy checkpoints to a remote place while a task writes them, so that another machine can go on.
+"""Copy checkpoints to a remote place while a task writes them, so that another machine can resume.
 
-What belongs together is one file there, an archive for each attempt, replaced in one step.
+Files of an attempt are one archive there, which is replaced in one step.
 """
 
 import hashlib
@@ -19,10 +19,10 @@ from lidarplace.files.secret_urls import hide_secrets
 from sweeps.store.whole import put_whole, whole_folder
 
 SECONDS = 5.0
-"""Between two looks at the folder."""
+"""Seconds between two looks at the folder."""
 
 Versions = dict[str, tuple[int, int]]
-"""By name of a file."""
+"""Time and inode of each file, by name."""
 
 _ENDING = ".zip"
 _TRIES = 3  # to read what another machine is writing
@@ -30,23 +30,25 @@ _TRIES = 3  # to read what another machine is writing
 
 @contextmanager
 def mirrored(folder: Path, filesystem: AbstractFileSystem, place: str) -> Iterator[None]:
-    """Copy the files of an attempt's folder to the place of the attempts at the task when they have
-    changed, and at the end. A remote place that does not answer is logged and tried again: the work
-    goes on without it."""
+    """Copy the files of an attempt to a remote place when they change, and at the end.
+
+    `place`: of the attempts at the task. If it does not answer, the error is logged and the copy
+    tried again, while the work goes on.
+    """
     stop = threading.Event()
     target = f"{place}/{folder.name}{_ENDING}"
 
     def watch() -> None:
-        there: Versions = {}
+        copied: Versions = {}
         last = False
         while not last:
             last = stop.wait(SECONDS)
             try:
-                if _versions(folder) != there:
-                    there = _copy(folder, filesystem, target)
+                if _versions(folder) != copied:
+                    copied = _copy(folder, filesystem, target)
             except Exception as error:  # each remote place has errors of its own
-                told = hide_secrets(f"{target}: cannot be written: {error!r}")
-                logging.getLogger(__name__).warning(told)
+                text = hide_secrets(f"{target}: cannot be written: {error!r}")
+                logging.getLogger(__name__).warning(text)
 
     thread = threading.Thread(target=watch, name=f"mirror {folder}", daemon=True)
     thread.start()
@@ -58,10 +60,11 @@ def mirrored(folder: Path, filesystem: AbstractFileSystem, place: str) -> Iterat
 
 
 def fetch(filesystem: AbstractFileSystem, place: str, folder: Path) -> None:
-    """Copy what the latest of the attempts at `place` left into a new one in `folder`. Nothing is
-    new if it was this machine that left it, or fetched it earlier: what is here is that or went on
-    from there, also while the remote place did not answer. Names decide, not the clocks of two
-    machines: an attempt is called the same here and there, and what was fetched after its content.
+    """Copy the files of the latest attempt at `place` into a new attempt in `folder`.
+
+    Not if this machine wrote them, or fetched them earlier: its state is that or a later one, also
+    while the remote place did not answer. Names decide, not the clocks of two machines: an attempt
+    has the same name locally and remotely, and a fetched one is named after its content.
     """
     for left in reversed(range(_TRIES)):
         filesystem.invalidate_cache()
@@ -75,10 +78,10 @@ def fetch(filesystem: AbstractFileSystem, place: str, folder: Path) -> None:
 
 
 def _fetch_latest(filesystem: AbstractFileSystem, place: str, folder: Path) -> None:
-    found = [path for path in filesystem.find(place) if path.endswith(_ENDING)]
-    if not found:
+    archives = [path for path in filesystem.find(place) if path.endswith(_ENDING)]
+    if not archives:
         return
-    latest = PurePosixPath(max(found, key=filesystem.modified))
+    latest = PurePosixPath(max(archives, key=filesystem.modified))
     if (folder / latest.stem).exists():
         return
     folder.mkdir(parents=True, exist_ok=True)
@@ -96,19 +99,19 @@ def _fetch_latest(filesystem: AbstractFileSystem, place: str, folder: Path) -> N
 
 
 def _copy(folder: Path, filesystem: AbstractFileSystem, target: str) -> Versions:
-    """Replace `target` by the files of an attempt as they are at one moment: these versions."""
+    """Replace `target` by the files of an attempt at one moment; return their versions."""
     with TemporaryDirectory(dir=folder, prefix=".") as moment:
-        archive, here = Path(moment, "files"), Versions()
-        while _versions(folder) != here:
-            here = _versions(folder)
+        archive, archived = Path(moment, "files"), Versions()
+        while _versions(folder) != archived:
+            archived = _versions(folder)
             with ZipFile(archive, "w") as files:
-                for name in here:
+                for name in archived:
                     files.write(folder / name, name)
         put_whole(filesystem, archive, target)
-    return here
+    return archived
 
 
 def _versions(folder: Path) -> Versions:
-    """Time and inode of each file of a folder, hidden ones aside: a replaced file differs."""
-    found = {path.name: path.stat() for path in folder.glob("[!.]*")}
-    return {name: (status.st_mtime_ns, status.st_ino) for name, status in found.items()}
+    """Return the versions of the files of a folder, less hidden ones: a replaced file differs."""
+    states = {path.name: path.stat() for path in folder.glob("[!.]*")}
+    return {name: (state.st_mtime_ns, state.st_ino) for name, state in states.items()}

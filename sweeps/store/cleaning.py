@@ -1,4 +1,4 @@
-"""What in a store can go: what no sweep refers to, and what killed processes left behind."""
+"""Cleaning of a store: results that no sweep refers to, and files of killed processes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,9 +9,12 @@ from sweeps.store.local import Store
 
 @dataclass(frozen=True)
 class Cleaned:
-    """What lay in a store, keys by name of the sweep that refers to them, what killed processes
-    left and nobody can use, and what was or would be removed: these, and results, least recently
-    used first."""
+    """A store before its cleaning, and what was or would be removed.
+
+    `contents`: all entries. `references`: keys by name of the sweep that refers to them.
+    `leftovers`: files of killed processes that nobody can use. `removed`: leftovers and results,
+    least recently used first.
+    """
 
     contents: tuple[Entry, ...]
     references: Mapping[str, set[str]]
@@ -20,18 +23,22 @@ class Cleaned:
 
     @property
     def kept_bytes(self) -> int:
+        """Bytes of the entries that stay."""
         return size_of(self.contents) - size_of(self.removed)
 
     @property
     def referred(self) -> set[str]:
+        """Keys that any sweep refers to."""
         return set[str]().union(*self.references.values())
 
 
 def clean_store(store: Store, quota_bytes: int | None = None, dry_run: bool = False) -> Cleaned:
-    """Remove leftovers, and results that no sweep refers to: all, or with a quota those least
-    recently used, until the store is no larger. The caller holds `store.exclusive()`, except for a
-    dry run. Raises ValueError: the file of a sweep is damaged, so what it refers to is not
-    known."""
+    """Remove leftovers, and results that no sweep refers to.
+
+    All of these results, or with a quota those least recently used, until the store is no larger.
+    The caller holds `store.exclusive()`, except for a dry run. Raises InputError: the file of a
+    sweep is damaged, so its references are unknown.
+    """
     references, contents = store.references(), store.contents()
     referred = set[str]().union(*references.values())
     results = [entry for entry in contents if entry.kind == "result"]

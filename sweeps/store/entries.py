@@ -1,4 +1,4 @@
-"""What lies in a store: its entries, and the files in which sweeps refer to results."""
+"""The entries of a store, and the files in which sweeps refer to results."""
 
 import json
 import re
@@ -22,9 +22,12 @@ _NAMES = re.compile(
 
 @dataclass(frozen=True)
 class Entry:
-    """What lies in a stage's folder, a folder or a file. `kind`: "result"; "working", the
-    checkpoints of an unfinished training; "running", a note that a task runs; or "partial", what a
-    killed process was writing. `key`: of the task; of "partial" any text. `size`: bytes."""
+    """A folder or file in the folder of a stage.
+
+    `kind`: "result"; "working", the checkpoints of an unfinished training; "running", a note that a
+    task runs; or "partial", a file that a killed process was writing. `key`: of the task; of
+    "partial" any text. `size`: bytes.
+    """
 
     stage: str
     kind: Literal["result", "working", "running", "partial"]
@@ -34,15 +37,15 @@ class Entry:
 
 
 def entry_of(stage: str, name: str) -> Entry | None:
-    """What a name in a stage's folder stands for; None if it is no store's."""
-    if not (found := _NAMES.fullmatch(name)):
+    """Return the entry of a name in the folder of a stage; None for other files."""
+    if not (match := _NAMES.fullmatch(name)):
         return None
-    kind: Any = found.lastgroup
-    return Entry(stage, kind, name, found[kind])
+    kind: Any = match.lastgroup
+    return Entry(stage, kind, name, match[kind])
 
 
 def keys_in(data: bytes, named: object) -> set[str]:
-    """The keys in a sweep's file. Raises ValueError: as good as none would remove its results."""
+    """Return the keys in the file of a sweep. Raises InputError: it is damaged."""
     keys = None
     with suppress(ValueError):
         keys = json.loads(data)
@@ -53,4 +56,5 @@ def keys_in(data: bytes, named: object) -> set[str]:
 
 
 def size_of(entries: Iterable[Entry]) -> int:
+    """Return the bytes of entries."""
     return sum(entry.size for entry in entries)

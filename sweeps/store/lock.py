@@ -16,9 +16,12 @@ _STEP_S = 0.05
 
 @contextmanager
 def locked(folder: Path, alone: bool) -> Iterator[None]:
-    """Hold the lock of a store while the block runs. The kernel drops it when the process dies.
-    Waits while cleaning has the store alone; `alone` waits a second, as `is_locked` holds the lock
-    for a moment, and raises ValueError while others hold it. Raises OSError: no locks here."""
+    """Hold the lock of a store while the block runs; the kernel drops it when the process dies.
+
+    Waits while cleaning has the store alone. `alone` waits a second, as `is_locked` holds the lock
+    for a moment, and raises InputError while others hold it. Raises OSError: the file system has no
+    locks.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     # NFS shares a lock only on what is open for reading, and gives it alone only for writing.
     with (folder / _FILE).open("a+b") as file:
@@ -31,8 +34,11 @@ def locked(folder: Path, alone: bool) -> Iterator[None]:
 
 
 def is_locked(folder: Path) -> bool:
-    """Whether somebody has the lock alone. Looks do not see each other, and make no file. Raises
-    OSError: the filesystem has no locks, or the lock cannot be read."""
+    """Whether a process has the lock alone.
+
+    Several can look at the same time, and make no file. Raises OSError: the file system has no
+    locks, or the lock cannot be read.
+    """
     try:
         file = (folder / _FILE).open("rb")
     except FileNotFoundError:
@@ -41,10 +47,10 @@ def is_locked(folder: Path) -> bool:
         return not _taken(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
 
 
-def _taken(file: BinaryIO, how: int) -> bool:
-    """Lock a file; the lock goes when it is closed. False if others are in the way."""
+def _taken(file: BinaryIO, operation: int) -> bool:
+    """Lock a file until it is closed; False if others hold the lock."""
     try:
-        fcntl.flock(file, how)
+        fcntl.flock(file, operation)
     except BlockingIOError:
         return False
     except OSError as error:

@@ -16,12 +16,15 @@ from sweeps.store.remote import RemoteStore
 
 
 def open_store(url: str | None, output: Path, cache: Path | None = None) -> Store:
-    """The store at a folder, or at a URL that fsspec knows; `output/store` by default, as are the
-    copies at `cache`. Nothing is written; a URL is tried out. Raises ValueError: it has an unknown
-    protocol, needs a package, or cannot be read."""
-    own = (output / "store").absolute()
+    """Return the store at a folder, or at a URL that fsspec knows.
+
+    `output/store` is the default of the folder, and of `cache`, the folder of copies. Nothing is
+    written; a URL is tried. Raises InputError: it has an unknown protocol, needs a package, or
+    cannot be read.
+    """
+    default = (output / "store").absolute()
     if url is None:
-        return Store(own)
+        return Store(default)
     protocol, separator, path = url.partition("://")
     if not separator or protocol == "file":
         return Store(Path(path if separator else url).absolute())
@@ -35,7 +38,7 @@ def open_store(url: str | None, output: Path, cache: Path | None = None) -> Stor
     except ValueError:
         problem = f"fsspec has no protocol {protocol!r}"
         raise InputError(problem, key="store", found=public_url(url)) from None
-    store = RemoteStore((cache or own).absolute(), url.rstrip("/"))
+    store = RemoteStore((cache or default).absolute(), url.rstrip("/"))
     try:
         store.find(SWEEPS)
     except Exception as error:  # each remote place has errors of its own
@@ -45,8 +48,10 @@ def open_store(url: str | None, output: Path, cache: Path | None = None) -> Stor
 
 
 def store_of(sweep: Sweep) -> Store:
-    """The store of a sweep. Raises ConfigError: its URL is of no known kind or cannot be had, a
-    quota is given for a URL, or the store is the run folder."""
+    """Return the store of a sweep.
+
+    Raises ConfigError: see `open_store`; a quota is set for a URL, or the store is the run folder.
+    """
     settings = sweep.common.store
     with at(error=ConfigError):
         store = open_store(settings.url, sweep.common.output, settings.cache)
@@ -59,14 +64,18 @@ def store_of(sweep: Sweep) -> Store:
 
 
 def check_writable(sweep: Sweep, store: Store) -> None:
-    """Try whether the run folder and the folder of the store, or of its copies, take files. Raises
-    OSError: what is wrong with a folder does not mend itself, unlike a disk that fills up later."""
+    """Check that the run folder and the folder of the store, or of its copies, take files.
+
+    Raises OSError: unlike a disk that fills up later, a faulty folder stays faulty.
+    """
     for folder in (sweep.common.output / sweep.common.name, store.folder):
         check_takes_files(folder)
 
 
 def reference(sweep: Sweep, purpose: str = "") -> str:
-    """The name under which a sweep, or what else is made of it, such as "pretrain", refers to
-    results; sweeps of other output folders have others."""
+    """Return the name under which a sweep refers to results, such as for the purpose "pretrain".
+
+    Sweeps of other output folders have other names.
+    """
     place = hashlib.sha256(str(sweep.common.output.resolve()).encode()).hexdigest()[:6]
     return ".".join(filter(None, [sweep.common.name, purpose, place]))

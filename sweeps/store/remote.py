@@ -11,43 +11,47 @@ from fsspec.core import url_to_fs
 
 from lidarplace.base.errors import InputError
 from lidarplace.files.secret_urls import public_url
+from sweeps.stages.stage import Stage
+from sweeps.stages.task import Task
 from sweeps.store import result_folder as results
 from sweeps.store.checkpoint_mirror import fetch, mirrored
 from sweeps.store.entries import SWEEPS, Entry, entry_of
 from sweeps.store.local import Note, Store
 from sweeps.store.result_folder import RECORD, DamagedResult, R, Ran, Record, T
 from sweeps.store.whole import put_whole
-from sweeps.tasks.task import Task
 
 
 @dataclass(frozen=True)
 class RemoteStore(Store):
-    """A store at a URL. What is loaded is copied to `folder` first and read from there. An object
-    store cannot rename, so a result's files lie at `STAGE/KEY/ID/`, with an ID of their own for
-    every writer, and `STAGE/KEY/result.json` comes last: with it the result is there."""
+    """A store at a URL, from which results are copied to `folder` before they are read.
+
+    An object store cannot rename, so files of a result are at `STAGE/KEY/ID/`, with an ID for every
+    writer, and `STAGE/KEY/result.json` is written last: with it the result exists.
+    """
 
     url: str
 
     @property
-    def shown(self) -> str:
+    def public_name(self) -> str:
         return public_url(self.url)
 
     def finished(self, tasks: Iterable[Task]) -> set[str]:
         return {task.key for task in self._with(lambda task: f"{task.key}/{RECORD}", tasks)}
 
     def has(self, task: Task) -> bool:
-        """Whether the result is there; a copy alone does not count, others cannot read it."""
+        """Whether there is a result; a local copy does not count, as others cannot read it."""
         filesystem, root = self._remote()
-        return bool(filesystem.exists(f"{root}/{task.stage}/{task.key}/{RECORD}"))
+        return bool(filesystem.exists(f"{root}/{task.stage.name}/{task.key}/{RECORD}"))
 
-    def save(self, task: Task[R], value: R, seconds: float, ran: Ran = Ran()) -> None:
+    def save(self, task: Task[Stage[R]], value: R, seconds: float, ran: Ran = Ran()) -> None:
         with suppress(FileNotFoundError, DamagedResult):
-            super().read(task, results.whole(task.result))  # a copy stays only if it is whole
+            # A copy stays only if it is whole.
+            super().read(task, results.whole(task.stage.result()))
         super().save(task, value, seconds, ran)
         if self.has(task):
             return
         filesystem, root = self._remote()
-        folder, target = self.path(task), f"{root}/{task.stage}/{task.key}"
+        folder, target = self.path(task), f"{root}/{task.stage.name}/{task.key}"
         content = results.read_content(folder)
         if content.files:
             filesystem.put(
@@ -56,9 +60,11 @@ class RemoteStore(Store):
             )
         put_whole(filesystem, folder / RECORD, f"{target}/{RECORD}")
 
-    def read(self, task: Task[R], of: Callable[[R], T]) -> T:
-        """Copies all files of the result here first. A damaged copy is replaced once. If that is
-        damaged too, so is what it was copied from."""
+    def read(self, task: Task[Stage[R]], of: Callable[[R], T]) -> T:
+        """Copy all files of the result to `folder` first, and read it.
+
+        A damaged copy is replaced once. If that is damaged, too, so is the original.
+        """
         copied = super().has(task)
         try:
             if not copied:
@@ -66,36 +72,36 @@ class RemoteStore(Store):
             return super().read(task, of)
         except DamagedResult as error:
             if not copied:
-                self._remove_result(f"{task.stage}/{task.key}")
+                self._remove_result(f"{task.stage.name}/{task.key}")
                 raise
-            logging.getLogger(__name__).warning("%s from %s", error, self.shown)
+            logging.getLogger(__name__).warning("%s from %s", error, self.public_name)
         return self.read(task, of)
 
     def record(self, task: Task) -> Record:
         with suppress(FileNotFoundError, DamagedResult):
             return super().record(task)
-        place = f"{task.stage}/{task.key}"
+        place = f"{task.stage.name}/{task.key}"
         data = self._read(f"{place}/{RECORD}")
         try:
-            return results.parse_content(data, place, f"{self.shown}/{place}").record
+            return results.parse_content(data, place, f"{self.public_name}/{place}").record
         except DamagedResult:
             self._remove_result(place)
             raise
 
     @contextmanager
     def working_folder(self, task: Task) -> Iterator[Path]:
-        """The folder is copied there every few seconds, so that another machine can go on."""
+        """Return a folder that is copied to the URL every few seconds, for other machines."""
         filesystem, root = self._remote()
         attempts = self.attempts(task)
-        place = f"{root}/{task.stage}/{attempts.name}"
+        place = f"{root}/{task.stage.name}/{attempts.name}"
         fetch(filesystem, place, attempts)
         with super().working_folder(task) as folder, mirrored(folder, filesystem, place):
             yield folder
 
     def discard(self, task: Task) -> None:
         super().discard(task)
-        if task.resumable:
-            self._remove(f"{task.stage}/{self.attempts(task).name}")
+        if task.stage.resumable:
+            self._remove(f"{task.stage.name}/{self.attempts(task).name}")
         self._remove_file(self._note_place(task))
 
     @contextmanager
@@ -142,7 +148,7 @@ class RemoteStore(Store):
         return entries
 
     def last_used(self, entry: Entry) -> float:
-        """When a result was stored, in seconds of the remote clock; loading leaves no trace."""
+        """Return when a result was stored, in seconds of the remote clock."""
         filesystem, root = self._remote()
         modified = filesystem.modified(f"{root}/{entry.stage}/{entry.name}/{RECORD}")
         return float(modified.timestamp())
@@ -155,37 +161,37 @@ class RemoteStore(Store):
             self._remove(place)
 
     def exclusive(self) -> AbstractContextManager[None]:
-        """Always raises ValueError: sweeps on other machines cannot be seen."""
+        """Raise InputError: sweeps on other machines cannot be seen."""
         problem, fix = "has no lock, so a sweep may be using it", "if none does, add --unlocked"
-        raise InputError(problem, place=self.shown, fix=fix)
+        raise InputError(problem, place=self.public_name, fix=fix)
 
     def _remote(self) -> tuple[AbstractFileSystem, str]:
-        """The filesystem and the store's place on it. Each thread gets its own from fsspec."""
+        """Return the filesystem and the path of the store; fsspec has one for each thread."""
         filesystem, root = url_to_fs(self.url)
         filesystem.invalidate_cache()  # other machines write too
         return filesystem, root.rstrip("/")
 
     def find(self, place: str) -> dict[str, int]:
-        """Sizes of all files under a place, by path from there; one listing."""
+        """Return the sizes of all files below a place, by relative path, with one listing."""
         filesystem, root = self._remote()
         prefix = f"{root}/{place}".rstrip("/") + "/"
-        found = filesystem.find(prefix, detail=True)
-        return {path.removeprefix(prefix): int(info["size"]) for path, info in found.items()}
+        files = filesystem.find(prefix, detail=True)
+        return {path.removeprefix(prefix): int(info["size"]) for path, info in files.items()}
 
     def _sweeps(self) -> list[str]:
-        found = self.find(SWEEPS)
-        return [path.removesuffix(".json") for path in found if path.endswith(".json")]
+        files = self.find(SWEEPS)
+        return [path.removesuffix(".json") for path in files if path.endswith(".json")]
 
     def _names(self, stage: str) -> Collection[str]:
         return self.find(stage)
 
     def _copy_here(self, task: Task) -> None:
         filesystem, root = self._remote()
-        place = f"{task.stage}/{task.key}"
+        place = f"{task.stage.name}/{task.key}"
         with self.incoming(task) as folder:
             filesystem.get_file(f"{root}/{place}/{RECORD}", str(folder / RECORD))
             data = (folder / RECORD).read_bytes()
-            content = results.parse_content(data, place, f"{self.shown}/{place}")
+            content = results.parse_content(data, place, f"{self.public_name}/{place}")
             files = content.files
             try:
                 if files:
@@ -194,9 +200,9 @@ class RemoteStore(Store):
                         [str(folder / name) for name in files],
                     )
             except FileNotFoundError:
-                raise results.damaged(f"{self.shown}/{place}", "a file is missing") from None
-            # Digests when they are read.
-            results.check_files(folder, files, (), f"{self.shown}/{place}")
+                raise results.damaged(f"{self.public_name}/{place}", "a file is missing") from None
+            # Digests are checked when files are read.
+            results.check_files(folder, files, (), f"{self.public_name}/{place}")
 
     def _put(self, path: Path, place: str) -> None:
         filesystem, root = self._remote()
@@ -213,7 +219,7 @@ class RemoteStore(Store):
             filesystem.rm_file(f"{root}/{place}")
 
     def _remove_result(self, place: str) -> None:
-        """First what says that it is there."""
+        """Remove a result, first its record, without which it does not exist."""
         self._remove_file(f"{place}/{RECORD}")
         self._remove(place)
 

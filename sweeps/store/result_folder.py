@@ -1,5 +1,7 @@
-"""A result as files in a folder, by the fields of its class: tables, arrays, weights, and all else
-in `result.json`."""
+"""Results as files of a folder, by the fields of their class.
+
+Tables, arrays and weights are files, all other fields are in `result.json`.
+"""
 
 import hashlib
 import json
@@ -33,8 +35,11 @@ _MAPPED_BYTES = 1_000_000  # smaller arrays are not worth an open file
 
 @dataclass(frozen=True)
 class Ran:
-    """How a result was computed: where, the most bytes that the process held, whether a step had
-    fewer frames than asked for, for want of memory, and the seconds before a stop."""
+    """The circumstances of a computation.
+
+    Machine and process, the most bytes that the process held, whether a step had fewer frames than
+    configured, as memory was too small, and the seconds before a stop.
+    """
 
     node: str = ""
     pid: int = 0
@@ -45,7 +50,7 @@ class Ran:
 
 @dataclass(frozen=True, kw_only=True)
 class Record(Ran):
-    """Further what the task is called, and the seconds that it took."""
+    """The circumstances of a computation with the label of the task and its seconds."""
 
     label: str
     seconds: float
@@ -61,8 +66,11 @@ class Written:
 
 @dataclass(frozen=True)
 class Content:
-    """What `result.json` says: the plain data of the result, its files, by name, and an id of these
-    very files, should another process write them too."""
+    """The content of `result.json`.
+
+    The plain data of the result, its files by name, and an id that distinguishes these files from
+    those that another process writes of the same result.
+    """
 
     record: Record
     id: str
@@ -71,24 +79,13 @@ class Content:
 
 
 def write_result(folder: Path, value: Dataclass, place: str, record: Record) -> None:
-    """Write a result into an empty folder, which will be at `place`, and wait until it is on the
-    disk. Raises OSError, and TypeError: a field that is neither table, array, arrays by name,
-    weights nor plain data."""
-    plain = {}
-    for name, item in ((own.name, getattr(value, own.name)) for own in fields(value)):
-        if isinstance(item, pd.DataFrame):
-            item.to_parquet(folder / f"{name}.parquet", index=False)
-        elif isinstance(item, np.ndarray):
-            np.save(folder / f"{name}.npy", item, allow_pickle=False)
-        elif name.endswith("state_dict") and item is not None:
-            from training.checkpoints import write_tensors  # torch, and only trainings have weights
+    """Write a result into an empty folder, which will be at `place`, and sync it to the disk.
 
-            write_tensors(folder / f"{name}.pt", item)
-        elif isinstance(item, Mapping) and any(isinstance(a, np.ndarray) for a in item.values()):
-            for key, array in item.items():
-                np.save(folder / f"{name}_{key}.npy", array, allow_pickle=False)
-        else:
-            plain[name] = item
+    Raises OSError, and TypeError: a field is neither table, array, arrays by name, weights nor
+    plain data.
+    """
+    items = {item.name: getattr(value, item.name) for item in fields(value)}
+    plain = {name: item for name, item in items.items() if not _write(folder, name, item)}
     content = {
         "place": place,
         "record": asdict(record),
@@ -107,9 +104,30 @@ def write_result(folder: Path, value: Dataclass, place: str, record: Record) -> 
         sync(path)
 
 
+def _write(folder: Path, name: str, item: object) -> bool:
+    """Write a field as files; False for plain data."""
+    if isinstance(item, pd.DataFrame):
+        item.to_parquet(folder / f"{name}.parquet", index=False)
+    elif isinstance(item, np.ndarray):
+        np.save(folder / f"{name}.npy", item, allow_pickle=False)
+    elif name.endswith("state_dict") and isinstance(item, Mapping):
+        from training.checkpoints import write_tensors  # torch, and only trainings have weights
+
+        write_tensors(folder / f"{name}.pt", item)
+    elif isinstance(item, Mapping) and any(isinstance(a, np.ndarray) for a in item.values()):
+        for key, array in item.items():
+            np.save(folder / f"{name}_{key}.npy", array, allow_pickle=False)
+    else:
+        return False
+    return True
+
+
 def read_content(folder: Path) -> Content:
-    """What `result.json` says. Raises FileNotFoundError: the folder is not there; DamagedResult:
-    the file is missing, damaged or of another folder's result."""
+    """Read `result.json`.
+
+    Raises FileNotFoundError: there is no folder; DamagedResult: the file is missing, damaged or of
+    the result of another folder.
+    """
     try:
         data = (folder / RECORD).read_bytes()
     except FileNotFoundError:
@@ -120,19 +138,20 @@ def read_content(folder: Path) -> Content:
 
 
 def parse_content(data: bytes, place: str, named: object) -> Content:
-    """What `read_content` returns, from the bytes of the `result.json` that is at `place`, which
-    errors call `named`. Raises DamagedResult: they are damaged, or of the result of another place.
+    """Parse the bytes of the `result.json` at `place`, which errors call `named`.
+
+    Raises DamagedResult: they are damaged, or of the result of another place.
     """
     try:
         content = json.loads(data)
         whole = content.pop("digest") == _digest_of_content(content)
-        found = content["place"]
+        written_place = content["place"]
     except (ValueError, AttributeError, KeyError, TypeError, RecursionError):
         whole = False
     if not whole:
         raise damaged(named, f"{RECORD} is not what was written")
-    if found != place:
-        raise damaged(named, f"its {RECORD} is of {found}")
+    if written_place != place:
+        raise damaged(named, f"its {RECORD} is of {written_place}")
     files = {name: Written(**written) for name, written in content["files"].items()}
     return Content(Record(**content["record"]), content["id"], files, content["value"])
 
@@ -140,56 +159,60 @@ def parse_content(data: bytes, place: str, named: object) -> Content:
 def check_files(
     folder: Path, files: Mapping[str, Written], read: Iterable[str], named: object
 ) -> None:
-    """Raise DamagedResult, which calls the folder `named`, if a file is missing or has another
-    size, as after power loss or an interrupted copy, or one of those to read another content, as on
-    a bad disk."""
+    """Check the size of all files and the content of those to `read`.
+
+    Raises DamagedResult, which calls the folder `named`: a file is missing or has another size, as
+    after power loss or an interrupted copy, or another content, as on a bad disk.
+    """
     for name, written in files.items():
         try:
-            found = (folder / name).stat().st_size
+            size = (folder / name).stat().st_size
         except FileNotFoundError:
             raise damaged(named, f"{name} is missing") from None
-        if found != written.bytes:
-            raise damaged(named, f"{name} has {found} bytes, {written.bytes} were written")
+        if size != written.bytes:
+            raise damaged(named, f"{name} has {size} bytes, {written.bytes} were written")
     for name in read:
         if _digest(folder / name) != files[name].digest:
             raise damaged(named, f"{name} is not what was written")
 
 
 def read_result(folder: Path, kind: type[R], of: Callable[[R], T]) -> T:
-    """What `of` takes from a result of a class, of which no other fields are read. Large arrays are
-    mapped, read-only. Raises FileNotFoundError: the folder is not there; KeyError: the result lacks
-    a field; DamagedResult."""
+    """Return `of` a result of a class, of which only the fields that it uses are read.
+
+    Large arrays are mapped, read-only. Raises FileNotFoundError: there is no folder; KeyError: the
+    result lacks a field; DamagedResult.
+    """
     content = read_content(folder)
     check_files(folder, content.files, (), folder)
     # Not a `kind`, for which all fields would be read; to `of` it looks like one.
-    return of(cast(R, _Fields(folder, content, {own.name: own for own in fields(kind)})))
+    return of(cast(R, _Fields(folder, content, {item.name: item for item in fields(kind)})))
 
 
 def whole(kind: type[R]) -> Callable[[R], R]:
-    """Takes all fields from a result, for `read_result`."""
-    return lambda found: kind(**{own.name: getattr(found, own.name) for own in fields(kind)})
+    """Return a function that reads all fields of a result, for `read_result`."""
+    return lambda result: kind(**{item.name: getattr(result, item.name) for item in fields(kind)})
 
 
 class _Fields:
-    """The fields of a result, each read when it is asked for."""
+    """The fields of a result, each of which is read when it is used."""
 
-    def __init__(self, folder: Path, content: Content, own: Mapping[str, Field[Any]]) -> None:
-        self._folder, self._content, self._own = folder, content, own
+    def __init__(self, folder: Path, content: Content, items: Mapping[str, Field[Any]]) -> None:
+        self._folder, self._content, self._items = folder, content, items
 
     def __getattr__(self, name: str) -> object:
-        own, plain = self._own[name], self._content.value
+        item, plain = self._items[name], self._content.value
         if name in plain:
-            # Of a class such as Roi: its own fields.
-            return own.type(**plain[name]) if is_dataclass(own.type) else plain[name]  # type: ignore
+            # A field of a class such as Roi has the fields of that class.
+            return item.type(**plain[name]) if is_dataclass(item.type) else plain[name]  # type: ignore
         stems = {Path(file).stem: file for file in self._content.files}
         if name in stems:
             return self._read(stems[name])
         by_key = {k: file for k, file in stems.items() if k.startswith(f"{name}_")}
         if by_key:
             return {k.removeprefix(f"{name}_"): self._read(file) for k, file in by_key.items()}
-        if own.default is MISSING and own.default_factory is MISSING:
+        if item.default is MISSING and item.default_factory is MISSING:
             raise KeyError(f"{self._folder} holds no {name}; it holds {[*plain, *stems]}")
-        return own.default if own.default_factory is MISSING else own.default_factory()
+        return item.default if item.default_factory is MISSING else item.default_factory()
 
     def _read(self, file: str) -> object:
         check_files(self._folder, self._content.files, [file], self._folder)
@@ -197,16 +220,19 @@ class _Fields:
 
 
 class DamagedResult(ValueError):
-    """A result is not what was written, and counts as not there."""
+    """A result is not what was written, and counts as missing."""
 
 
 def damaged(named: object, fault: str) -> DamagedResult:
+    """Return the error for a result that has a fault."""
     return DamagedResult(f"{named} is damaged: {fault}; it is removed, to be computed again")
 
 
 def _digest(path: Path) -> str:
-    """Hash of a file's content. What is mapped afterwards is in the page cache by then. Not one of
-    the faster kinds from a package of its own: 1.2 GB/s is more than most disks have."""
+    """Hash the content of a file, which is in the page cache when it is mapped afterwards.
+
+    1.2 GB/s is more than most disks have, so no package with a faster hash is needed.
+    """
     with path.open("rb") as file:
         return hashlib.file_digest(file, _hash).hexdigest()
 

@@ -1,4 +1,4 @@
-"""Folders, and files at a remote place, that appear in one step: nobody meets half of one."""
+"""Folders, and remote files, that appear in one step: a reader never meets half of one."""
 
 import shutil
 from collections.abc import Iterator
@@ -12,8 +12,10 @@ from lidarplace.files.atomic import naming, sync, temporary, unique
 
 @contextmanager
 def whole_folder(target: Path) -> Iterator[Path]:
-    """An empty hidden folder that becomes `target` at the end, unless that is there by then;
-    nothing is left of it on an error. The block has to `sync` the files that it writes."""
+    """Return an empty hidden folder that becomes `target` at the end, unless that exists by then.
+
+    Nothing is left of it on an error. The block has to `sync` the files that it writes.
+    """
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = temporary(target)
     try:
@@ -24,7 +26,7 @@ def whole_folder(target: Path) -> Iterator[Path]:
             try:
                 partial.rename(target)
             except OSError:
-                if not target.is_dir():  # else another process was faster with the same
+                if not target.is_dir():  # else another process wrote the same
                     raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)

@@ -10,16 +10,11 @@ from typing import TypeVar
 
 import pandas as pd
 
-from tests.fuzz import (
-    mutate_arrays,
-    mutate_bytes,
-    mutate_checkpoints,
-    mutate_lines,
-    mutate_tables,
-    mutate_values,
-)
+from tests.fuzz import mutate_bytes, mutate_checkpoints, mutate_lines, mutate_tables
 from tests.fuzz.judge import DONE, Outcome, inside, judge_reader, judge_verb
+from tests.fuzz.mutate_arrays import npy, npz
 from tests.fuzz.mutate_bytes import Mutation
+from tests.fuzz.mutate_values import json_syntax, json_value, yaml_syntax, yaml_value
 from tests.fuzz.targets import Target, app_of, parts_of
 
 T = TypeVar("T")
@@ -31,10 +26,10 @@ BY_SUFFIX: dict[str, Sequence[Mutation]] = {
     ".csv": mutate_tables.ANY,
     ".feather": mutate_tables.ANY,
     ".txt": mutate_lines.ANY,
-    ".json": (mutate_values.json_value, mutate_values.json_value, mutate_values.json_syntax),
-    ".yaml": (mutate_values.yaml_value, mutate_values.yaml_value, mutate_values.yaml_syntax),
-    ".npz": (mutate_arrays.npz,),
-    ".npy": (mutate_arrays.npy,),
+    ".json": (json_value, json_value, json_syntax),
+    ".yaml": (yaml_value, yaml_value, yaml_syntax),
+    ".npz": (npz,),
+    ".npy": (npy,),
     ".pt": mutate_checkpoints.ANY,
 }
 """What fits a file, beside `mutate_bytes.ANY`."""

@@ -6,7 +6,7 @@ from random import Random
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.fuzz import nasty
+from tests.fuzz.nasty import number
 
 
 def _other(array: NDArray, random: Random) -> tuple[NDArray, str]:
@@ -24,7 +24,7 @@ def _other(array: NDArray, random: Random) -> tuple[NDArray, str]:
         "one axis more": lambda: array[None],
         "cut": lambda: array[: len(array) // 2] if array.ndim else array[None],
         "times": lambda: np.zeros(array.shape, "datetime64[s]"),
-        "wrong numbers": lambda: np.full(array.shape, nasty.number(random), np.float64),
+        "wrong numbers": lambda: np.full(array.shape, number(random), np.float64),
     }
     name = random.choice(list(ways))
     return ways[name](), name

@@ -5,7 +5,7 @@ from random import Random
 
 import torch
 
-from tests.fuzz import nasty
+from tests.fuzz.nasty import value
 
 WAYS = {
     "int8": lambda t: t.to(torch.int8),
@@ -43,8 +43,8 @@ def around(path: Path, random: Random) -> str:
     """What is beside the tensors."""
     content = torch.load(path, weights_only=True)
     key = random.choice([*content, "model_state", "classes"])
-    content[key] = nasty.value(random)
-    torch.save(content if random.random() < 0.9 else nasty.value(random), path)
+    content[key] = value(random)
+    torch.save(content if random.random() < 0.9 else value(random), path)
     return f"{key} replaced"
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from random import Random
 
-from tests.fuzz import nasty
+from tests.fuzz.nasty import NUMBERS, TEXTS
 
 
 def field(path: Path, random: Random) -> str:
@@ -11,7 +11,7 @@ def field(path: Path, random: Random) -> str:
     row = random.randrange(len(lines))
     fields = lines[row].split() or [""]
     at = random.randrange(len(fields))
-    fields[at] = random.choice((*map(str, nasty.NUMBERS), *nasty.TEXTS))
+    fields[at] = random.choice((*map(str, NUMBERS), *TEXTS))
     lines[row] = " ".join(fields)
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return f"line {row + 1}, field {at + 1}: {fields[at]!r:.30}"

@@ -6,14 +6,14 @@ from typing import Any
 
 from typer.main import get_command
 
-from tests.fuzz import nasty
+from tests.fuzz.nasty import NUMBERS, TEXTS
 
 PATHS = (
     *("", "/", "no/such/file", "x" * 300, "a\x00b", "\udcff", "/dev/null", "/dev/full"),
     *("/proc/1/mem", "[/x]", "log/boxes.parquet", "log", "sweep.yaml", "--", "s3://", "http://x y"),
     *("/dev/zero", "pipe", "loop", "nothing"),  # the last three are made for each case
 )
-WORDS = (*nasty.TEXTS[:14], "\x1b[31m", "no=where", "=", "a.b.c=1", "s3://x/y", "1,2", "\udcff")
+WORDS = (*TEXTS[:14], "\x1b[31m", "no=where", "=", "a.b.c=1", "s3://x/y", "1,2", "\udcff")
 
 
 def options_of(app: Any, verb: str | None) -> list[Any]:
@@ -26,7 +26,7 @@ def options_of(app: Any, verb: str | None) -> list[Any]:
 def value_for(random: Random) -> str:
     """A wrong value for any parameter."""
     if random.random() < 0.5:
-        return str(random.choice(nasty.NUMBERS)).removesuffix(".0")
+        return str(random.choice(NUMBERS)).removesuffix(".0")
     return random.choice((*WORDS, *PATHS))
 
 

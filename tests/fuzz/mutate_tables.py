@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tests.fuzz import nasty
+from tests.fuzz.nasty import TEXTS, number
 
 
 def _read(path: Path) -> pd.DataFrame:
@@ -36,14 +36,14 @@ def cell(path: Path, random: Random) -> str:
     row = random.randrange(len(table))
     values = table[name].tolist()
     if isinstance(values[row], str):
-        values[row] = random.choice((*nasty.TEXTS, None))
+        values[row] = random.choice((*TEXTS, None))
         table[name] = pd.Series(values, dtype=object)
     elif isinstance(values[row], np.ndarray):
         values[row] = values[row].copy()
-        values[row][random.randrange(len(values[row]))] = nasty.number(random)
+        values[row][random.randrange(len(values[row]))] = number(random)
         table[name] = pd.Series(values, dtype=object)
     else:
-        values[row] = nasty.number(random)
+        values[row] = number(random)
         table[name] = _numbers(values)
     _write(path, table)
     return f"cell of {name}: {values[row]!r:.30}"

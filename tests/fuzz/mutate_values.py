@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from tests.fuzz import nasty
+from tests.fuzz.nasty import TEXTS, value
 
 
 def places(tree: Any) -> Iterator[tuple[Any, Any]]:
@@ -26,17 +26,17 @@ def changed(tree: Any, random: Random) -> tuple[Any, str]:
     tree = copy.deepcopy(tree)
     found = list(places(tree)) if isinstance(tree, dict | list) else []
     if not found or random.random() < 0.1:
-        return nasty.value(random), "another document"
+        return value(random), "another document"
     container, key = random.choice(found)
     what = random.choice(("replaced", "replaced", "replaced", "left out", "wrapped", "renamed"))
     if what == "replaced":
-        container[key] = nasty.value(random)
+        container[key] = value(random)
     elif what == "left out":
         del container[key]
     elif what == "wrapped":
         container[key] = random.choice(([container[key]], {"a": container[key]}))
     elif isinstance(container, dict):
-        container[random.choice((*nasty.TEXTS, 1, None, True))] = container.pop(key)
+        container[random.choice((*TEXTS, 1, None, True))] = container.pop(key)
     else:
         container.append(container[key])
     return tree, f"{key!r} {what}"

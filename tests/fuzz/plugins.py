@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import sys
 import warnings
 from collections.abc import Callable
 from functools import cache, partial
@@ -15,9 +14,9 @@ import numpy as np
 import pandas as pd
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
-from lidarplace.base import registry
 from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import METRICS
+from lidarplace.base.plugin_folders import PLUGINS
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.pog.surrogates.table import SURROGATES
 from sweeps.execution.failures import Failure
@@ -179,12 +178,11 @@ def outcome_of_plugin(kind: str, how: str, what: str, world: Path, place: Path) 
         contextlib.redirect_stdout(streams[0]),
         contextlib.redirect_stderr(streams[1]),
         warnings.catch_warnings(record=True),
-        patch.object(sys, "path", [*sys.path]),
-        patch.dict(registry.PLUGINS, clear=True),
+        patch.dict(PLUGINS, clear=True),
         contextlib.ExitStack() as stack,
     ):
         for known in registries:
-            stack.enter_context(patch.dict(known._added))
+            stack.enter_context(patch.object(known, "_added", {}))
         if kind == "reader":
             return judge_verb(app, [name, "log", "out"], (module,), (0,))
         try:

@@ -11,7 +11,6 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -123,19 +122,18 @@ def _correction(world: Path) -> object:
 
 def _network(world: Path) -> object:
     """The plan of a sweep whose network is in its folder, as a new process reads it."""
-    from lidarplace.base import registry
+    from lidarplace.base.code_version import forget_versions
+    from lidarplace.base.plugin_folders import PLUGINS
     from sweeps.plan.plan import read_plan
-    from sweeps.tasks import code_version
     from training import NETWORKS
     from training.detectors.build import PLUG_INS
 
-    for known in (registry.FOLDERS, registry.PLUGINS, NETWORKS._added, PLUG_INS._added):
+    for known in (PLUGINS, NETWORKS._added, PLUG_INS._added):
         known.clear()
-    for cached in (code_version.code_version, code_version._code, importlib.invalidate_caches):
-        getattr(cached, "cache_clear", cached)()
+    forget_versions()
+    importlib.invalidate_caches()
     sys.modules.pop("fuzz_net", None)
-    with patch.object(sys, "path", list(sys.path)):
-        return read_plan(world / "own.yaml", [])
+    return read_plan(world / "own.yaml", [])
 
 
 def _predictor(world: Path) -> object:

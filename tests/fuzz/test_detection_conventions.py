@@ -1,4 +1,4 @@
-"""Detections in a wrong convention: each is named, and no right detector is doubted."""
+"""Detections in a wrong convention: each is named, and no right detector is rejected."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import sweeps.benchmark
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.logs.boxes import CLASSES, GEOMETRY, SIZE, full_poses
 from lidarplace.scenes.datasets.se3 import Poses
-from training.sanity_checks.check import doubts_of_detections
+from training.sanity_checks.check import implausible_detections
 from training.sanity_checks.sample import Sample
 
 LOG = read_box_log(Path(sweeps.benchmark.__file__).parent / "log")
@@ -87,11 +87,11 @@ WRONG = {
     "as logits are": lambda d, _: d.assign(score=np.log(d["score"] / (1 - d["score"]))),
     "a hit has a higher score": lambda d, _: d.assign(score=-d["score"]),
 }
-"""What the doubt says -> the mistake."""
+"""Text of the problem -> the mistake."""
 
 
-def doubts(*tables):
-    return [doubt.why for doubt in doubts_of_detections(Sample.of(*tables))]
+def problems(*tables):
+    return [value.problem for value in implausible_detections(Sample.of(*tables))]
 
 
 @pytest.mark.parametrize(
@@ -102,9 +102,9 @@ def test_every_wrong_convention_is_named(seed):
     frames, boxes = traffic(random, 100)
     manner = random.uniform([0.4, 0.05, 0.2], [0.95, 0.25, 2.0])
     found = detected(random, frames, boxes, *manner)
-    assert not doubts(found, boxes, frames)
+    assert not problems(found, boxes, frames)
     for text, change in WRONG.items():
-        first, *more = doubts(change(found, frames), boxes, frames) or [""]
+        first, *more = problems(change(found, frames), boxes, frames) or [""]
         assert text in f"{first}:", (text, manner)
         assert not more, (text, manner)
 
@@ -112,7 +112,7 @@ def test_every_wrong_convention_is_named(seed):
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(n, marks=pytest.mark.long) for n in range(1, 9))]
 )
-def test_no_detector_in_our_convention_is_doubted(seed):
+def test_no_detector_in_our_convention_is_rejected(seed):
     """Poor ones, with few frames or classes, constant angles or sizes, biases and random scores."""
     random = np.random.default_rng([51, seed])
     for count in (1, 1, 2, 3, 5, 10, 30, 100):
@@ -129,4 +129,4 @@ def test_no_detector_in_our_convention_is_doubted(seed):
             scaled(found, SIZE, 0.8),
             found[:0],
         ):
-            assert not doubts(other, boxes, frames), (count, len(other))
+            assert not problems(other, boxes, frames), (count, len(other))

@@ -8,9 +8,11 @@ import pandas as pd
 import yaml
 
 from sweeps.store.entries import SWEEPS
-from tests.lidarplace import argoverse_layout, company_table, nuscenes_layout, waymo_layout
+from tests.lidarplace import argoverse_layout, nuscenes_layout, waymo_layout
+from tests.lidarplace.company_table import Manner, mapping_of, traffic, write_in_manner
 from tests.sweeps.small_log import write_small_log
-from tests.tracking import made_up_run, made_up_search
+from tests.tracking.made_up_run import write_run
+from tests.tracking.made_up_search import write_search
 
 MAPS = Path(__file__).parents[1] / "data" / "maps"
 
@@ -112,7 +114,7 @@ fitted: {routes: 4}
 
 COMMAND = {
     "detector": "second",
-    "judge": {
+    "evaluator": {
         "command": "{python} judge.py {clouds} {detections} {rig} {seed}",
         "format": "parquet",
         "name": "mine",
@@ -123,7 +125,7 @@ COMMAND = {
         "time_limit": 60,
     },
 }
-"""A command as the judge, besides what a sweep has."""
+"""A command as the evaluator, besides what a sweep has."""
 
 
 def write_world(folder: Path) -> None:
@@ -142,8 +144,8 @@ def write_world(folder: Path) -> None:
     _clouds(folder)
     _detections(folder / "detected")
     _recorded(folder / "recorded")
-    made_up_run.write_run(folder / "run", names=("line", "center", "mine"), points=20)
-    made_up_search.write_search(folder / "found", trials=12)
+    write_run(folder / "run", names=("line", "center", "mine"), points=20)
+    write_search(folder / "found", trials=12)
     (folder / "maps").mkdir()
     for path in MAPS.iterdir():
         (folder / "maps" / path.name).write_bytes(path.read_bytes())
@@ -200,10 +202,10 @@ def _tables(folder: Path) -> None:
 def _labels(folder: Path) -> None:
     """Traffic of two drives in a company's manner; with poses."""
     folder.mkdir()
-    log = company_table.traffic(drives=2, frames=4)
-    manner = company_table.Manner(coordinates="world")
-    table = company_table.write_in_manner(log, manner)
-    mapping = company_table.mapping_of(log, manner)
+    log = traffic(drives=2, frames=4)
+    manner = Manner(coordinates="world")
+    table = write_in_manner(log, manner)
+    mapping = mapping_of(log, manner)
     mapping["classes"] = {**mapping["classes"], "bicyclist": "Two-Wheeler"}  # of one's own
     table.to_csv(folder / "labels.csv", index=False)
     table.to_parquet(folder / "labels.parquet")

@@ -32,7 +32,7 @@ from lidarplace.rigs.pose import rotation
 from lidarplace.rigs.scan_pattern import ScanPattern
 from lidarplace.validation.fit import Fit
 from lidarplace.validation.validation import _file
-from sweeps.tasks.task import plain
+from sweeps.stages.task import plain
 from tests.lidarplace.from_a_car import cast
 from tests.lidarplace.recall.small_scenes import log_of
 from tests.lidarplace.requirements.brute_force import hits_of

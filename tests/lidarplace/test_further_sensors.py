@@ -23,8 +23,8 @@ from lidarplace.configuration.placement import read_placement, read_placement_se
 from lidarplace.mounting.common_view import CommonView, common_view
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Area
-from lidarplace.requirements.cameras_and_radars import seen_by_each
-from lidarplace.requirements.judge import by_several, judge
+from lidarplace.requirements.cameras_and_radars import measure_each
+from lidarplace.requirements.check_requirements import by_several, check_requirements
 from lidarplace.requirements.layout import lay_out
 from lidarplace.requirements.requirement import AlsoWhen, PlacedObject, Requirement
 from lidarplace.rig_files.formats import FORMATS
@@ -54,7 +54,7 @@ def sensors_of(*settings):
 
 def on(settings, *boxes, vehicle=NOTHING, object_class=None):
     sensors = sensors_of(settings)
-    return seen_by_each(sensors, np.array(boxes, np.float64), object_class, RIG, vehicle)[:, 0]
+    return measure_each(sensors, np.array(boxes, np.float64), object_class, RIG, vehicle)[:, 0]
 
 
 def test_pixels_of_a_wall_by_hand():
@@ -123,13 +123,13 @@ def test_a_requirement_of_two_kinds():
 
     def found(area, **wanted):
         asked = Requirement("x", area, "times the need", 1.0, placed, needs=needs, **wanted)
-        return judge([lay_out(asked, CAR)], RIG, CAR, further)[0]
+        return check_requirements([lay_out(asked, CAR)], RIG, CAR, further)[0]
 
     assert found(ahead, sensors=3, kinds=3).met
     assert found(behind, sensors=1).met
     assert found(behind, sensors=2, kinds=2).worst.value == 0.0
     dead = found(ahead, sensors=2, kinds=2, also_when=AlsoWhen(sensors_dead=1))
-    assert [own.case for own in dead.findings] == [
+    assert [own.case for own in dead.cases] == [
         "as built", "without LiDAR 1", "without camera 1", "without radar 1",
     ]  # fmt: skip
     assert dead.met
@@ -210,7 +210,7 @@ def nuscenes_tables(folder):
 def test_a_rig_of_nuscenes_changed_in_the_studio_and_written_back(tmp_path, monkeypatch):
     from lidarplace.studio.rig import posed
     from lidarplace.studio.rigs_file import read_rigs
-    from lidarplace.studio.violations import judged
+    from lidarplace.studio.violations import requirement_results
 
     before = nuscenes_tables(tmp_path / "v1")
     monkeypatch.chdir(tmp_path)
@@ -231,9 +231,9 @@ def test_a_rig_of_nuscenes_changed_in_the_studio_and_written_back(tmp_path, monk
     Path("studio.yaml").write_text(yaml.safe_dump(whole))
     file = read_rigs(Path("studio.yaml"))
     rig = file.rigs[0]
-    (with_cameras,) = judged(rig, file, file.laid)
+    (with_cameras,) = requirement_results(rig, file, file.layouts)
     alone = type(rig)(rig.name, rig.lidars)
-    (without,) = judged(alone, file, file.laid)
+    (without,) = requirement_results(alone, file, file.layouts)
     assert (with_cameras.least_of >= without.least_of).all()
     assert with_cameras.least_of.max() > 1 > without.least_of.max() == 0
 

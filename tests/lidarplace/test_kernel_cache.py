@@ -6,7 +6,8 @@ import sys
 import numba
 import pytest
 
-from lidarplace.base import kernel_cache
+from lidarplace.base.code_version import forget_versions
+from lidarplace.base.kernel_cache import njit
 
 FILES = {
     "__init__": "",
@@ -57,8 +58,7 @@ def run(tmp_path, monkeypatch):
             (package / f"{name}.py").write_text(source, encoding="utf-8")
         for name in [name for name in sys.modules if name.partition(".")[0] == "toy"]:
             del sys.modules[name]
-        kernel_cache._version.cache_clear()
-        kernel_cache._source.cache_clear()
+        forget_versions()
         outer = importlib.import_module("toy.outer").outer
         return outer(3.0), sum(outer.stats.cache_hits.values())
 
@@ -86,7 +86,7 @@ def test_a_folder_that_the_user_names_is_taken(run, tmp_path, monkeypatch):
 
 
 def test_literals_compile_a_kernel_once():
-    inner = kernel_cache.njit()(lambda x, y: x + y)
-    outer = kernel_cache.njit()(lambda n: inner(1, 2) + inner(n, y=3))
+    inner = njit()(lambda x, y: x + y)
+    outer = njit()(lambda n: inner(1, 2) + inner(n, y=3))
     assert outer(4) == 10
     assert inner.signatures == [(numba.int64, numba.int64)]

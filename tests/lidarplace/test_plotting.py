@@ -14,7 +14,7 @@ from lidarplace import PAPER_PLACEMENTS, Mount, OccupancyGrid, Placement, Roi, c
 from lidarplace.base.number_text import point
 from lidarplace.clouds.collect import collect, crop_for
 from lidarplace.logs.box_log import BoxLog, write_box_log
-from lidarplace.scenes.sanity_checks.boxes import doubts_of_surroundings, doubts_of_units
+from lidarplace.scenes.sanity_checks.boxes import implausible_surroundings, implausible_units
 from lidarplace.viewing.figures import figure
 
 ROI = Roi((0, 8), (-4, 4), (0, 2), 0.5)
@@ -138,19 +138,19 @@ def test_other_units_are_told_with_their_share(changes, told):
 
 def test_what_rounding_leaves_of_0_is_0():
     log = boxes(x=[2000.0, 0.1, 0.1, 0.1], y=[-6.8e-14, 0.0, 0.0, 0.0])
-    doubt = next(iter(doubts_of_surroundings(BoxLog(log, pd.DataFrame({"frame": [0]})))))
-    assert doubt.where(log).endswith("the first in frame 0 with x 2000, y 0")
+    value = next(iter(implausible_surroundings(BoxLog(log, pd.DataFrame({"frame": [0]})))))
+    assert value.where(log).endswith("the first in frame 0 with x 2000, y 0")
     assert point(1e-16, -0.0, 2.25) == "(0, 0, 2.25)"
 
 
 @pytest.mark.parametrize("column", ["yaw", "length"])
 @pytest.mark.parametrize("value", [2 * math.pi, 7.0, 12.5, 12.6, 49.9, 50.1, 99.0, 101.0])
-def test_what_is_warned_of_is_what_a_conversion_doubts(column, value):
+def test_a_conversion_rejects_what_a_grid_warns_of(column, value):
     log = boxes(**{column: [value, 0.1, 0.1, 0.2]})
     with warnings.catch_warnings(record=True) as told:
         OccupancyGrid.from_boxes(log, ROI, "Car", 8)
-    doubts = [*doubts_of_units(BoxLog(log, pd.DataFrame()))]
-    assert len(told) == len(doubts) == (value > (4 * math.pi if column == "yaw" else 50))
+    values = [*implausible_units(BoxLog(log, pd.DataFrame()))]
+    assert len(told) == len(values) == (value > (4 * math.pi if column == "yaw" else 50))
 
 
 def test_another_log_in_the_same_folder_is_another_scene(tmp_path):

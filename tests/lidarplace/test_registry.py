@@ -1,31 +1,30 @@
 """Names from outside: installed, in a folder, broken, provided twice, unknown."""
 
 import sys
-from dataclasses import dataclass
 from typing import Annotated
 from unittest.mock import patch
 
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from lidarplace.base import registry
-from lidarplace.base.registry import OneOf, PluginError, Registry
-from sweeps.execution import ray_cluster
-from sweeps.tasks import code_version
-from sweeps.tasks.task import Task, code_of
+from lidarplace.base.code_version import code_version, forget_versions
+from lidarplace.base.plugin_folders import PLUGINS
+from lidarplace.base.registry import OneOf, PluginError, Registry, _entry_points
+from sweeps.execution.ray_cluster import _cluster_environment, _plug_ins, _python_path
+from sweeps.stages.evaluate import MeasureStage
+from sweeps.stages.recall import RecallStage
 
 
 @pytest.fixture
 def site(tmp_path, monkeypatch):
     """A folder on the path, in which `install` puts distributions of one module."""
     monkeypatch.syspath_prepend(tmp_path)
-    caches = (registry._entry_points, code_version.code_version, code_version._code)
-    for kept in caches:
-        kept.cache_clear()
-    with patch.dict(registry.PLUGINS, clear=True):
+    _entry_points.cache_clear()
+    forget_versions()
+    with patch.dict(PLUGINS, clear=True):
         yield tmp_path
-    for kept in caches:
-        kept.cache_clear()
+    _entry_points.cache_clear()
+    forget_versions()
     for name in [name for name in sys.modules if name.startswith("plug_")]:
         del sys.modules[name]
 
@@ -49,7 +48,7 @@ def test_installed_names_and_modules(site):
     assert list(things) == ["ours"]
     assert set(things.installed()) == {"ours", "first"}
     assert things["first"] is things["plug_a:one"]
-    assert things.roots(["ours", "first"]) == ("plug_a.one",)
+    assert things.modules(["ours", "first"]) == ("plug_a",)
     assert "second" not in things
     assert things.get("second") is None
 
@@ -65,7 +64,7 @@ def test_a_broken_plug_in_harms_no_other(site, caplog):
     assert all("\n" not in line for line in lines)
     with pytest.raises(PluginError, match=r"second \(plug_b:one\): .*/plug_b.py:1: Mod"):
         things["second"]
-    assert "plug_b" not in registry.PLUGINS, "a local Ray would send it to its workers"
+    assert "plug_b" not in PLUGINS, "a local Ray would send it to its workers"
     with pytest.raises(PluginError, match="third") as error:
         things["third"]
     assert error.value.found == "int"
@@ -94,7 +93,7 @@ def test_settings_look_names_up_when_they_are_read(site):
     assert Model(thing="ours").thing == "ours"
     assert Model(thing="none").thing == "none"
     install(site, "plug_a", ["first = plug_a:one"])
-    registry._entry_points.cache_clear()
+    _entry_points.cache_clear()
     assert Model(thing="first").thing == "first"
     assert Model(thing="plug_a:one").thing == "plug_a:one"
     names = Model.model_json_schema()["properties"]["thing"]["anyOf"][0]["enum"]
@@ -108,9 +107,10 @@ def test_settings_look_names_up_when_they_are_read(site):
 
 def test_keys_follow_the_code_of_a_plug_in(site):
     def keys():
-        code_version.code_version.cache_clear()
-        code_version._code.cache_clear()
-        return code_of("surrogates"), code_of("surrogates", None, None, ("plug_a.one",))
+        forget_versions()
+        return code_version("lidarplace.base.errors"), code_version(
+            "lidarplace.base.errors", "plug_a"
+        )
 
     text = "import plug_b\ndef one(): return two()\ndef two(): return {}\n"
     install(site, "plug_a", [], text.format(2))
@@ -125,29 +125,19 @@ def test_keys_follow_the_code_of_a_plug_in(site):
     assert after[1] != with_it
 
 
-@dataclass(frozen=True)
-class Params:
-    names: tuple[str, ...] = ()
-    metrics: tuple[str, ...] = ()
-
-
-@pytest.mark.parametrize("field", ["names", "metrics"])
-def test_the_key_of_a_task_follows_surrogates_and_metrics_of_plug_ins(site, field):
-    def key(text):
-        (site / "plug_a.py").write_text(text)
-        code_version.code_version.cache_clear()
-        code_version._code.cache_clear()
-        return Task("surrogates", "any", Params(**{field: ("plug_a:ONE",)})).key
-
-    assert key("ONE = 1\n") != key("ONE = 2\n")
+@pytest.mark.parametrize(("stage", "field"), [(RecallStage, "names"), (MeasureStage, "metrics")])
+def test_a_stage_runs_the_code_of_surrogates_and_metrics_of_plug_ins(site, stage, field):
+    own = object.__new__(stage)
+    object.__setattr__(own, field, ("plug_a:ONE",))
+    assert own.modules() == (stage.__module__, "plug_a")
 
 
 def test_workers_get_packages_and_metadata(site):
     install(site, "plug_a", ["first = plug_a:one"])
     things = new()
-    assert ray_cluster._plug_ins() == []
+    assert _plug_ins() == []
     things["first"]
     places = [str(site / "plug_a.py"), str(site / "plug_a-1.0.dist-info")]
-    assert ray_cluster._plug_ins() == places
-    assert ray_cluster._cluster_environment()["py_modules"][-2:] == places
-    assert str(site) in ray_cluster._python_path().split(":")
+    assert _plug_ins() == places
+    assert _cluster_environment()["py_modules"][-2:] == places
+    assert str(site) in _python_path().split(":")

@@ -28,7 +28,7 @@ from lidarplace.logs.world import (
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.rigs.pose import rotation
 from lidarplace.rigs.recorded import RecordedRig
-from lidarplace.scenes.static_world import static_worlds
+from lidarplace.scenes.static_world.world_builder import static_worlds
 from tests.refused import refused
 
 NO_PARTS = bricks(np.empty((0, 7)), 0)

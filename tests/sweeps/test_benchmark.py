@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.base import registry
 from lidarplace.base.errors import InputError
+from lidarplace.base.plugin_folders import PLUGINS
 from sweeps.benchmark import predictors, rigs
 from sweeps.benchmark.markdown import markdown_table
 from sweeps.benchmark.predictors import BUILT_IN, predict
@@ -134,7 +134,7 @@ def module(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "placing_own", raising=False)
-    with patch.dict(registry.PLUGINS, clear=True):
+    with patch.dict(PLUGINS, clear=True):
         yield
     sys.modules.pop("placing_own", None)
 
@@ -177,7 +177,7 @@ def test_a_generalist_is_judged_on_the_test_frames(tmp_path, two_rigs, monkeypat
     torch.manual_seed(0)
     classes = ("Car", "Cyclist", "Pedestrian")
     rig = rigs.trials(["detector=pointpillars_tiny"])["line"]
-    crop = rig.evaluate.params.point_range
+    crop = rig.evaluate.stage.point_range
     model = build_detector("pointpillars_tiny", classes, point_range=crop)
     write_checkpoint(tmp_path / "g.pt", model.state_dict(), "pointpillars_tiny", classes)
     log = rigs.log_of("test")
@@ -186,7 +186,7 @@ def test_a_generalist_is_judged_on_the_test_frames(tmp_path, two_rigs, monkeypat
     monkeypatch.setattr(predictors, "log_of", lambda split: log)
     of_rig, found = predictors.resolved(str(tmp_path / "g.pt"))
     assert {*of_rig(found["line"])} == {*METRICS}
-    errors = found["line"].evaluate.inputs[1].params.errors
+    errors = found["line"].evaluate.inputs[1].stage.errors
     assert (errors.offset, errors.angle) == (0.01, pytest.approx(np.radians(0.5)))
 
 

@@ -62,8 +62,8 @@ def detect(config):
     """Keep scenes; the plan, and detections of each trial that follow the curve."""
     sweep, plan = read_plan(config)
     store = store_of(sweep)
-    (task,) = [task for task in plan.tasks if task.stage == "scene"]
-    log = task.params.recording.record()
+    (task,) = [task for task in plan.tasks if task.stage.name == "scene"]
+    log = task.stage.recording.record()
     store.save(task, log, 0.0)
     rng = np.random.default_rng(1)
     test = log.boxes[log.boxes["frame"] > 0]

@@ -17,19 +17,18 @@ from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount
 from lidarplace.configuration.placement import read_placement
-from lidarplace.requirements.judge import judge
+from lidarplace.requirements.check_requirements import check_requirements
 from sweeps.commands.cheapest import app
-from sweeps.search.cheapest import choose
-from sweeps.search.cheapest.choose import cheapest, cost_of
+from sweeps.search.cheapest.choose import _Work, cheapest, cost_of
 from sweeps.search.cheapest.polish import needed_for, polish
 from sweeps.search.cheapest.result import proof
 from sweeps.search.greedy.candidates import candidates_of
-from sweeps.search.judgement import chosen as recall_module
 from sweeps.search.problem.assess import Traffic, assess
-from sweeps.search.problem.choice import Choice, ordered
-from sweeps.search.problem.judged_sweep import judged_rigs
+from sweeps.search.problem.generalist_trials import trials_of_rigs
 from sweeps.search.problem.problem import read_problem
-from sweeps.tasks.task import with_inputs
+from sweeps.search.problem.rig import MountedLidar, ordered
+from sweeps.search.verification import reevaluation as recall_module
+from sweeps.stages.task import with_inputs
 
 MODELS = yaml.safe_load("""
 wide: {beams: 8, azimuth_steps: 300, price: 4, power: 9, size_mm: [500, 500, 400]}
@@ -124,7 +123,7 @@ def least_of_all(problem):
                 continue
             rig = ordered([*fixed, *lidars])
             cost = round(cost_of(rig, problem), 6), len(rig)
-            if cost < best and assess(rig, problem.question, NOTHING).feasible:
+            if cost < best and assess(rig, problem.criteria, NOTHING).feasible:
                 best = cost
     return best
 
@@ -138,8 +137,8 @@ BY_POWER = ["search.cheapest.by=power"]
 @pytest.mark.parametrize(("seed", "by"), [*enumerate(BY * 2), (51, "price"), (51, "height")])
 def test_it_is_the_cheapest_of_all_rigs(tmp_path, monkeypatch, seed, by, by_cuts):
     if by_cuts:  # neither a rig to begin with nor one with more to spare: rows and cuts alone
-        monkeypatch.setattr(choose._Work, "greedy", lambda self, by_cost: False)
-        monkeypatch.setattr(choose._Work, "try_others", lambda self, cost: None)
+        monkeypatch.setattr(_Work, "greedy", lambda self, by_cost: False)
+        monkeypatch.setattr(_Work, "try_others", lambda self, cost: None)
     problem = read_problem(write_search(tmp_path, search=drawn(seed, by)))
     found = cheapest(problem)
     assert found.gap == 0 or found.rig is None
@@ -148,7 +147,7 @@ def test_it_is_the_cheapest_of_all_rigs(tmp_path, monkeypatch, seed, by, by_cuts
     if found.rig is not None:
         assert len(found.rig) == number
         assert all(needed_for(problem, found.rig, None))
-        assert assess(found.rig, problem.question, NOTHING).feasible
+        assert assess(found.rig, problem.criteria, NOTHING).feasible
         assert cost_of(found.rig, problem) == pytest.approx(found.cost)
     else:
         assert found.bound == math.inf
@@ -179,8 +178,8 @@ def test_the_command_writes_a_rig_that_a_requirements_file_takes(tmp_path):
     assert len(rig.mounts) == 2
     problem, other = (read_problem(tmp_path / "small.yaml", own) for own in ([], BY_POWER))
     assert problem.key == other.key, "a search is the same"
-    plain = problem.question.carrier
-    (outcome,) = judge(plain.requirements, rig, plain.vehicle)
+    plain = problem.criteria.carrier
+    (outcome,) = check_requirements(plain.requirements, rig, plain.vehicle)
     assert outcome.met
     assert outcome.worst.value / 6 == pytest.approx(told["margin"])
     assert done.output.count("somebody ahead at x") == 2, "it says what each LiDAR is needed for"
@@ -261,7 +260,7 @@ def test_a_rig_that_the_detector_rejects_is_excluded(tmp_path):
     assert all(why)
     pairs = {rig for rig in asked if len(rig) == 2}
     good = itertools.combinations([rig[0] for rig in candidates_of(problem)], 2)
-    assert pairs == {r for r in map(ordered, good) if assess(r, problem.question, NOTHING).feasible}
+    assert pairs == {r for r in map(ordered, good) if assess(r, problem.criteria, NOTHING).feasible}
 
 
 def test_the_generalist_of_the_package_is_asked_on_the_traffic_of_the_choice(monkeypatch):
@@ -280,22 +279,22 @@ def test_the_generalist_of_the_package_is_asked_on_the_traffic_of_the_choice(mon
     recall = recall_module.recall_of(Console(), problem, Store())
     assert recall(problem.paper_rigs()["line"]) == 61.0
     line = {"x": problem.paper_rigs()["line"]}
-    (tests,) = judged_rigs(problem, {}, line, problem.tests.search)["x"]
+    (tests,) = trials_of_rigs(problem, {}, line, problem.tests.search)["x"]
     searched = {task.key for task in with_inputs(trial.evaluate for trial in tests)}
-    scenes = {task.key for task in ran if task.stage == "scene"}
+    scenes = {task.key for task in ran if task.stage.name == "scene"}
     assert scenes
     assert not scenes & searched, "what chooses sees other traffic than a search"
-    high = Choice("lidar", "", Mount(0.0, 0.0, 9.0))
+    high = MountedLidar("lidar", "", Mount(0.0, 0.0, 9.0))
     assert recall((high,)) == -math.inf, "it does not know such rigs"
 
 
 def test_time_that_is_over_leaves_a_gap(tmp_path, monkeypatch):
     problem = read_problem(write_search(tmp_path, search=SMALL | {"cheapest": {"by": "price"}}))
-    monkeypatch.setattr(choose._Work, "left", property(lambda self: 1.0 - self.rounds))
-    monkeypatch.setattr(choose._Work, "drop", lambda self, chosen: None)
+    monkeypatch.setattr(_Work, "left", property(lambda self: 1.0 - self.rounds))
+    monkeypatch.setattr(_Work, "drop", lambda self, chosen: None)
     found = cheapest(problem)
     assert found.counts["rounds"] == 1
-    assert assess(found.rig, problem.question, NOTHING).feasible
+    assert assess(found.rig, problem.criteria, NOTHING).feasible
     assert 0 <= found.gap < 1
     assert found.bound <= 5 <= found.cost
     least = replace(found, bound=found.cost, fewest=1)

@@ -12,16 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sweeps.commands.clean import app
+from sweeps.stages.task import Task
 from sweeps.store.cleaning import clean_store
 from sweeps.store.entries import size_of
 from sweeps.store.local import Note, Store
 from sweeps.store.remote import RemoteStore
-from sweeps.tasks.task import Task
-from tests.sweeps.toy import Toy, call, result
+from tests.sweeps.toy import SceneToy, call, result
 
 
 def tasks_of(*names):
-    return [Task("scene", name, Toy(name)) for name in names]
+    return [Task(SceneToy(name), name) for name in names]
 
 
 def saved(store, *names, size=1000):

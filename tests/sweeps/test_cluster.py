@@ -19,10 +19,16 @@ import psutil
 import pytest
 from small_log import SMALL, write_sweep
 
-from sweeps import PACKAGES
+from lidarplace.base.code_version import PACKAGES
 from sweeps.configuration.sweep import RaySettings
-from sweeps.execution import ray_cluster
-from sweeps.execution.ray_cluster import ClusterError, ray_session
+from sweeps.execution.ray_cluster import (
+    ClusterError,
+    _alone,
+    _check_alone,
+    _check_token_file,
+    _environment,
+    ray_session,
+)
 from tests.forked import GUARD_S, run_forked
 
 ROOT = Path(__file__).parents[2]
@@ -252,7 +258,7 @@ class Ray:
 
 
 def test_a_ray_that_listens_elsewhere_is_told(caplog):
-    ray_cluster._check_alone(Ray)
+    _check_alone(Ray)
     assert "192.0.2.7" in caplog.text
     assert len(caplog.records) == 1
 
@@ -263,22 +269,22 @@ def test_a_token_that_others_can_read_is_told(tmp_path, monkeypatch, caplog):
     path.chmod(0o644)
     monkeypatch.delenv("RAY_AUTH_TOKEN", raising=False)
     monkeypatch.setenv("RAY_AUTH_TOKEN_PATH", str(path))
-    ray_cluster._check_token_file()
+    _check_token_file()
     assert str(path) in caplog.text
     assert "secret" not in caplog.text
     caplog.clear()
     path.chmod(0o600)
-    ray_cluster._check_token_file()
+    _check_token_file()
     path.chmod(0o644)
     monkeypatch.setenv("RAY_AUTH_TOKEN", "given")  # which Ray prefers
-    ray_cluster._check_token_file()
+    _check_token_file()
     assert not caplog.text
 
 
 def test_what_a_local_ray_is_told_others_are_not(monkeypatch):
     monkeypatch.setenv("RAY_AUTH_TOKEN", "of a cluster")
     monkeypatch.delenv("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", raising=False)
-    with ray_cluster._environment({**ray_cluster._alone(), "RAY_AUTH_TOKEN": "own"}):
+    with _environment({**_alone(), "RAY_AUTH_TOKEN": "own"}):
         assert os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] == "0"
         assert os.environ["RAY_AUTH_TOKEN"] == "own"
     assert os.environ["RAY_AUTH_TOKEN"] == "of a cluster"

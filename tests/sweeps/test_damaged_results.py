@@ -9,8 +9,8 @@ import pytest
 from small_log import SMALL, write_sweep
 
 from sweeps.commands import clean, record, run, status
-from sweeps.execution import worker
 from sweeps.execution.interrupted import until_whole
+from sweeps.execution.worker import _load
 from sweeps.store.result_folder import DamagedResult, damaged
 from tests.sweeps.toy import call, flip_bit
 
@@ -22,7 +22,7 @@ TABLES = ("surrogates", "results", "distance", "points", "trials")
 
 def again():
     """Run the sweep as a process of its own would, which has not read a result yet."""
-    worker._load.cache_clear()
+    _load.cache_clear()
     return call(run.app, "small.yaml")
 
 

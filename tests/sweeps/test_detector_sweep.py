@@ -25,7 +25,7 @@ def test_every_network_trains_and_is_evaluated(tmp_path, networks):
     plan = make_plan(read_sweep(write_sweep(tmp_path, classes=["Car", "Pedestrian"], grid=grid)))
     store = Store(tmp_path / "store")
     execute(plan.tasks, store, InProcess(), Loud())
-    assert [trial.finetune.params.detector for trial in plan.trials] == grid["detector"]
+    assert [trial.finetune.stage.detector for trial in plan.trials] == grid["detector"]
     for trial in plan.trials:
         training = store.load(trial.finetune)
         assert training.classes == ["Car"], "no pedestrian occurs"

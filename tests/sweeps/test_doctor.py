@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from sweeps.commands import doctor
 from sweeps.commands.doctor import Finding
 from sweeps.execution import checks
-from sweeps.execution.checks import Found
+from sweeps.execution.checks import CheckResult
 from tests.sweeps.toy import call
 
 ROOT = Path(__file__).parents[2]
@@ -247,7 +247,7 @@ def test_one_failing_check_does_not_stop_the_others(monkeypatch):
         raise OSError("no such thing")
 
     monkeypatch.setattr(checks, "memory", broken)
-    monkeypatch.setattr(checks, "ray", lambda address: Found("there"))
+    monkeypatch.setattr(checks, "ray", lambda address: CheckResult("there"))
     found = {finding.check: finding for finding in doctor.look(doctor.Asked())}
     assert found["memory"].state == "missing"
     assert found["memory"].found == "OSError: no such thing"

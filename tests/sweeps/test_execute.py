@@ -2,17 +2,16 @@ import shutil
 
 import pytest
 
-from sweeps.execution import worker
 from sweeps.execution.backends import InProcess, Room
 from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure, FailureFolder
-from sweeps.execution.memory import Need, need_of
 from sweeps.execution.schedule import Schedule
+from sweeps.execution.worker import _load
+from sweeps.stages.task import Task
+from sweeps.stages.train import FinetuneStage
 from sweeps.store.local import Store
 from sweeps.store.result_folder import DamagedResult
-from sweeps.tasks.parameters import TrainingParams
-from sweeps.tasks.task import Task
-from tests.sweeps.toy import Loud, Toy, flip_bit
+from tests.sweeps.toy import CollectToy, Loud, SceneToy, Toy, TrainingToy, flip_bit
 from training.settings import TrainingSettings
 
 
@@ -32,33 +31,33 @@ class Recorder:
 
 @pytest.fixture
 def stages(monkeypatch):
-    """Two small stages in place of the real ones: add the inputs, or fail."""
-    calls = []
+    """Two small stages: one adds its inputs, one fails. Returns what the first was called with."""
+    calls, add = [], SceneToy.run
 
-    def add(params, *inputs) -> Toy:
-        calls.append(params.n)
-        return Toy(params.n + sum(own.n for own in inputs))
+    def noted(stage, *inputs) -> Toy:
+        calls.append(stage.n)
+        return add(stage, *inputs)
 
-    def fail(params, *inputs):
+    def fail(stage, *inputs, **how):
         raise ValueError("no such thing")
 
-    monkeypatch.setitem(worker.FUNCTIONS, "scene", add)
-    monkeypatch.setitem(worker.FUNCTIONS, "collect", add)
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", fail)
+    monkeypatch.setattr(SceneToy, "run", noted)
+    monkeypatch.setattr(TrainingToy, "run", fail)
+    monkeypatch.setattr(FinetuneStage, "run", fail)
     return calls
 
 
 def diamond():
-    scene = Task("scene", "a", Toy(1))
-    left = Task("collect", "b", Toy(10), (scene,))
-    right = Task("collect", "c", Toy(100), (scene,))
-    return [scene, left, right, Task("collect", "d", Toy(1000), (left, right))]
+    scene = Task(SceneToy(1), "a")
+    left = Task(CollectToy(10), "b", (scene,))
+    right = Task(CollectToy(100), "c", (scene,))
+    return [scene, left, right, Task(CollectToy(1000), "d", (left, right))]
 
 
 def run(tasks, folder, known=None, backend=InProcess):
     recorder = Recorder()
     store = Store(folder)
-    outcome = execute(tasks, store, backend(), recorder, known=known)
+    outcome = execute(tasks, store, backend(), recorder, lasting_failures=known)
     return outcome.failures, recorder, store
 
 
@@ -72,7 +71,7 @@ def test_results_flow_from_task_to_task_and_are_not_computed_again(tmp_path, sta
     assert not failures
     assert store.load(tasks[-1]).n == 1112
     stages.clear()
-    more = [*diamond(), Task("collect", "e", Toy(5), (tasks[1],))]
+    more = [*diamond(), Task(CollectToy(5), "e", (tasks[1],))]
     _, recorder, store = run(more, tmp_path)
     assert stages == [5]
     assert store.load(more[-1]).n == 16
@@ -94,14 +93,14 @@ def test_times_are_kept_of_what_ran_though_a_clock_jumps(tmp_path, stages, monke
 
 
 def test_a_task_that_was_stopped_finds_what_it_had(tmp_path, monkeypatch):
-    def twice(params, folder, **how) -> Toy:
+    def twice(stage, folder, **how) -> Toy:
         if not list(folder.iterdir()):
             (folder / "last.pt").write_text("half way")
             raise ValueError("stopped")
-        return Toy([params.n, (folder / "last.pt").read_text()])
+        return Toy([stage.seed, (folder / "last.pt").read_text()])
 
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", twice)
-    task, other = (Task("finetune", "a", Toy(n), resumable=True) for n in (1, 2))
+    monkeypatch.setattr(FinetuneStage, "run", twice)
+    task, other = (training(n) for n in (1, 2))
     failures, _, store = run([task, other], tmp_path)
     assert len(failures) == 2, "each has its own folder"
     assert not store.has(task)
@@ -113,8 +112,8 @@ def test_a_task_that_was_stopped_finds_what_it_had(tmp_path, monkeypatch):
 
 def test_a_failure_takes_down_what_needs_it_and_nothing_else(tmp_path, stages):
     tasks = diamond()
-    broken = Task("finetune", "broken", Toy(), (tasks[1],))
-    needs = Task("collect", "needs", Toy(1), (broken,))
+    broken = Task(TrainingToy(), "broken", (tasks[1],))
+    needs = Task(CollectToy(1), "needs", (broken,))
     failures, recorder, store = run([*tasks[:2], broken, needs, *tasks[2:]], tmp_path)
     told = "finetune 'broken' failed: no such thing"
     assert reasons(failures) == {broken.key: "no such thing", needs.key: told}
@@ -143,7 +142,7 @@ def test_a_damaged_input_ends_all_and_the_next_time_it_is_computed_again(tmp_pat
     tasks = diamond()
     _, _, store = run(tasks[:2], tmp_path)
     flip_bit(store.path(tasks[1]) / "result.json", 0.5)
-    worker._load.cache_clear()
+    _load.cache_clear()
     recorder = Recorder()
     with pytest.raises(DamagedResult, match=f"{tasks[1].key} is damaged"):
         execute(tasks, store, InProcess(), recorder)
@@ -160,11 +159,11 @@ def test_an_input_that_another_worker_found_damaged_is_no_failure(tmp_path, stag
     tasks = diamond()
     _, _, store = run(tasks[:1], tmp_path)
 
-    def gone(params, *inputs):
+    def gone(stage, *inputs):
         shutil.rmtree(store.path(tasks[0]))
         raise FileNotFoundError("no such result")
 
-    monkeypatch.setitem(worker.FUNCTIONS, "collect", gone)
+    monkeypatch.setattr(CollectToy, "run", gone)
     with pytest.raises(DamagedResult, match="no such result"):
         execute(tasks, store, InProcess(), Recorder())
 
@@ -180,11 +179,11 @@ def test_an_input_that_another_worker_found_damaged_is_no_failure(tmp_path, stag
     ],
 )
 def test_only_data_and_settings_fail_for_good(tmp_path, monkeypatch, error, lasting):
-    def fail(params):
+    def fail(stage):
         raise error
 
-    monkeypatch.setitem(worker.FUNCTIONS, "scene", fail)
-    task = Task("scene", "a", Toy())
+    monkeypatch.setattr(SceneToy, "run", fail)
+    task = Task(SceneToy(), "a")
     failures, _, _ = run([task], tmp_path / "store")
     folder = FailureFolder(tmp_path / "failed")
     folder.write(task, failures[task.key])
@@ -200,42 +199,42 @@ def test_which_failures_the_next_run_knows(tmp_path):
     folder = FailureFolder(tmp_path / "failed")
     kinds = {"a": Failure("bad data", lasting=True), "b": Failure("the worker died")}
     kinds["d"] = Failure("bad data", lasting=True, follows=True)
-    tasks = {name: Task("scene", name, Toy(name)) for name in "abcd"}
+    tasks = {name: Task(SceneToy(name), name) for name in "abcd"}
 
     def fill():
         for name, task in tasks.items():
             folder.write(task, kinds.get(name, kinds["a"]))
 
     fill()
-    assert folder.known(rerun=False, there={tasks["c"].key}) == {tasks["a"].key: kinds["a"]}
+    assert folder.lasting(rerun=False, finished={tasks["c"].key}) == {tasks["a"].key: kinds["a"]}
     assert set(folder.read()) == {tasks["a"].key}, "the others are tried again, or there"
     fill()
-    assert folder.known(rerun=True, there=set()) == {}
+    assert folder.lasting(rerun=True, finished=set()) == {}
     assert not list(folder.folder.iterdir())
 
 
 def test_another_driver_may_finish_a_task_first(tmp_path, monkeypatch):
     """It tidies up under this one, whose attempt then fails: no harm is done."""
-    task = Task("scene", "a", Toy())
+    task = Task(SceneToy(), "a")
 
-    def overtaken(params) -> Toy:
+    def overtaken(stage) -> Toy:
         Store(tmp_path).save(task, Toy(1), 0.0)
         raise FileNotFoundError("last.pt")
 
-    monkeypatch.setitem(worker.FUNCTIONS, "scene", overtaken)
+    monkeypatch.setattr(SceneToy, "run", overtaken)
     failures, _, store = run([task], tmp_path)
     assert not failures
     assert store.load(task) == Toy(1)
 
 
 def test_what_another_driver_did_since_the_start_is_not_done_again(tmp_path, monkeypatch):
-    first, second = Task("scene", "a", Toy(1)), Task("scene", "b", Toy(2))
+    first, second = Task(SceneToy(1), "a"), Task(SceneToy(2), "b")
 
-    def with_the_other(params) -> Toy:
+    def with_the_other(stage) -> Toy:
         Store(tmp_path).save(second, Toy("theirs"), 0.0)
         return Toy("ours")
 
-    monkeypatch.setitem(worker.FUNCTIONS, "scene", with_the_other)
+    monkeypatch.setattr(SceneToy, "run", with_the_other)
     failures, recorder, store = run([first, second], tmp_path)
     assert not failures
     assert store.load(second) == Toy("theirs")
@@ -259,8 +258,12 @@ class Remembering(InProcess):
 
 def training(n, batch_size=8):
     settings, crop = TrainingSettings(batch_size=batch_size), (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
-    params = TrainingParams("second", ("Car",), settings, crop, seed=n, checkpoint=None)
-    return Task("finetune", f"second {n}", params, gpu=True, resumable=True)
+    stage = FinetuneStage("second", ("Car",), settings, crop, seed=n, checkpoint=None)
+    return Task(stage, f"second {n}")
+
+
+def train_at_once(stage, *inputs, **how) -> Toy:
+    return Toy(1)
 
 
 class OutOfMemoryError(RuntimeError):
@@ -270,11 +273,11 @@ class OutOfMemoryError(RuntimeError):
 def test_a_gpu_that_is_too_small_for_one_frame_is_not_tried_for_ever(tmp_path, monkeypatch):
     tried = []
 
-    def fail(params, *inputs, **how):
+    def fail(stage, *inputs, **how):
         tried.append(how)
         raise OutOfMemoryError("CUDA out of memory")
 
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", fail)
+    monkeypatch.setattr(FinetuneStage, "run", fail)
     failures, _, _ = run([training(1, batch_size="auto")], tmp_path)
     assert len(failures) == 1
     assert [how["halvings"] for how in tried] == [0, 1, 2, 3, 4]
@@ -284,16 +287,16 @@ def test_what_failed_in_a_rung_may_succeed_later(tmp_path, monkeypatch):
     """And what failed for good there is not tried again."""
     asked = []
 
-    def flaky(params):
-        asked.append(params.n)
-        if params.n == "bad":
+    def flaky(stage):
+        asked.append(stage.n)
+        if stage.n == "bad":
             raise ValueError("the data are wrong")
-        if asked.count(params.n) == 1:
+        if asked.count(stage.n) == 1:
             raise OSError(28, "No space left on device")
         return Toy(1)
 
-    monkeypatch.setitem(worker.FUNCTIONS, "scene", flaky)
-    tasks = [Task("scene", name, Toy(name)) for name in ("bad", "unlucky")]
+    monkeypatch.setattr(SceneToy, "run", flaky)
+    tasks = [Task(SceneToy(name), name) for name in ("bad", "unlucky")]
     store, outcome = Store(tmp_path), Outcome()
     for _ in range(2):
         execute(tasks, store, InProcess(), Recorder(), outcome)
@@ -306,14 +309,14 @@ def test_a_training_that_is_too_large_for_a_gpu_is_tried_alone_with_half_the_bat
 ):
     tried = []
 
-    def train(params, *inputs, halvings, **how) -> Toy:
-        size = params.training.batch_size >> halvings
-        tried.append((params.seed, size))
-        if size > params.seed:
+    def train(stage, *inputs, halvings, **how) -> Toy:
+        size = stage.training.batch_size >> halvings
+        tried.append((stage.seed, size))
+        if size > stage.seed:
             raise OutOfMemoryError("CUDA out of memory")
         return Toy(size)
 
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", train)
+    monkeypatch.setattr(FinetuneStage, "run", train)
     fits, fits_not = training(2), training(0)
     store, recorder = Store(tmp_path), Recorder()
     backend = Remembering()
@@ -332,17 +335,17 @@ def test_a_network_keeps_to_its_share_of_a_gpu(tmp_path, monkeypatch, share):
     taken = []
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
     monkeypatch.setattr("torch.cuda.set_per_process_memory_fraction", taken.append)
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: Toy(1))
+    monkeypatch.setattr(FinetuneStage, "run", train_at_once)
     monkeypatch.setattr(Remembering, "gpus_per_training", share)
     backend = Remembering()
     assert not execute([training(1)], Store(tmp_path), backend, Recorder()).failures
     assert [need.gpu_share for own in backend.needs.values() for need in own] == taken == [share]
-    assert need_of(Task("scene", "a", Toy()), share) == Need()
+    assert SceneToy().need(share).gpu_share == 0
 
 
 def test_late_stages_come_first_and_none_without_its_input():
-    scene, other = Task("scene", "s", Toy(0)), Task("scene", "s2", Toy(1))
-    late = Task("collect", "late", Toy(2), (scene,))
+    scene, other = Task(SceneToy(0), "s"), Task(SceneToy(1), "s2")
+    late = Task(CollectToy(2), "late", (scene,))
     assert Schedule([scene, other, late], {scene.key}).next() is late
     for tasks in ([late], [late, scene]):
         with pytest.raises(ValueError, match="collect 'late' comes before its input"):
@@ -355,7 +358,7 @@ def test_trainings_are_handed_out_though_no_machine_is_there_now(tmp_path, stage
     class Empty(InProcess):
         room = Room(gpus=1.0, memory=0.0)
 
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: Toy(1))
+    monkeypatch.setattr(FinetuneStage, "run", train_at_once)
     tasks = [training(1), training(2)]
     failures, _, store = run(tasks, tmp_path, backend=Empty)
     assert not failures
@@ -379,7 +382,7 @@ def test_no_machine_is_asked_for_where_nothing_is_left_to_run(tmp_path, stages):
 
 
 def test_work_for_a_gpu_does_not_block_the_rest():
-    on_gpu, scene = training(1), Task("scene", "s", Toy(0))
+    on_gpu, scene = training(1), Task(SceneToy(0), "s")
     schedule = Schedule([on_gpu, scene], set())
     assert schedule.next(gpu=False) is scene
     assert schedule.next(gpu=False) is None
@@ -391,7 +394,7 @@ def test_a_training_notes_its_progress_now_and_then(tmp_path, monkeypatch):
     clock, noted = [0.0], []
     store, task = Store(tmp_path), training(0)
 
-    def train(params, *inputs, on_step, **how):
+    def train(stage, *inputs, on_step, **how):
         for step in range(81, 401):
             clock[0] += 1.0
             on_step(step / 40)
@@ -399,7 +402,7 @@ def test_a_training_notes_its_progress_now_and_then(tmp_path, monkeypatch):
         return Toy(1)
 
     monkeypatch.setattr("time.monotonic", lambda: clock[0])
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", train)
+    monkeypatch.setattr(FinetuneStage, "run", train)
     assert not execute([task], store, InProcess(), Loud()).failures
     assert noted[0] == "epoch 3 of 10, 20 %"
     assert noted[10] == noted[19] == "epoch 3 of 10, 23 %, about 5 min left"

@@ -8,13 +8,12 @@ from small_log import write_small_log
 from lidarplace.scenes.recorded import LogScene, log_parts
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
-from sweeps.search.trials.by_generalist import judge_task, judged_metrics
+from sweeps.search.trials.by_generalist import detect_task, metrics_of_portions
 from sweeps.store.local import Store
-from sweeps.tasks.stages import FUNCTIONS
 from tests.sweeps.toy import result
 from training import build_detector
 
-SETTINGS = {"placement": "line", "judge": "generalist", "classes": ["Car"]}
+SETTINGS = {"placement": "line", "evaluator": "generalist", "classes": ["Car"]}
 SETTINGS |= {"generalist": {"rigs": 3, "rigs_per_frame": 1, "epochs": 1}}
 SETTINGS |= {"detector": "pointpillars_tiny", "training": {"score_threshold": 0.0}}
 SETTINGS |= {"lidar": {"beams": 8, "azimuth_steps": 180}, "surrogate": {"resolution": 0.8}}
@@ -32,7 +31,7 @@ def value_of(task, known):
     """The result of a task and, before it, of all that it needs."""
     if task.key not in known:
         inputs = [value_of(needed, known) for needed in task.inputs]
-        known[task.key] = FUNCTIONS[task.stage](task.params, *inputs)
+        known[task.key] = task.stage.run(*inputs)
     return known[task.key]
 
 
@@ -44,7 +43,7 @@ def judged(tmp_path):
     log["split"] = ["train", "test", "test", "test"]
     log.to_parquet(tmp_path / "log/frames.parquet")
     trial = trial_of(tmp_path, scene={"source": "log", "folder": str(tmp_path / "log")})
-    points = trial.evaluate.params.point_range
+    points = trial.evaluate.stage.point_range
     model = build_detector("pointpillars_tiny", ["Car"], point_range=points)
     weights = result(state_dict=model.state_dict(), classes=["Car"])
     return trial, {trial.finetune.key: weights}, Store(tmp_path / "store")
@@ -53,7 +52,7 @@ def judged(tmp_path):
 def test_detections_are_those_of_kept_clouds(judged):
     trial, known, _ = judged
     whole = value_of(trial.evaluate, known).detections
-    parts = [value_of(judge_task(trial.evaluate, i, 2), known) for i in range(2)]
+    parts = [value_of(detect_task(trial.evaluate, i, 2), known) for i in range(2)]
     assert [part.frames["frame"].tolist() for part in parts] == [[1, 3], [2]]
     found = pd.concat([part.detections for part in parts]).sort_values("frame", kind="stable")
     assert len(found) > 0
@@ -62,11 +61,11 @@ def test_detections_are_those_of_kept_clouds(judged):
 
 def test_metrics_of_all_portions_are_those_of_the_whole(judged):
     trial, known, store = judged
-    every = [judge_task(trial.evaluate, i, n) for n in (1, 3) for i in range(n)]
-    truth = next(task for task in trial.evaluate.inputs if task.stage == "ground_truth")
+    every = [detect_task(trial.evaluate, i, n) for n in (1, 3) for i in range(n)]
+    truth = next(task for task in trial.evaluate.inputs if task.stage.name == "ground_truth")
     for task in [*every, truth]:
         store.save(task, value_of(task, known), 0.0)
-    own = [judged_metrics(store, p, [truth], ["Car"], {}, ()) for p in (every[:1], every[1:])]
+    own = [metrics_of_portions(store, p, [truth], ["Car"], {}, ()) for p in (every[:1], every[1:])]
     pd.testing.assert_frame_equal(*own)
 
 

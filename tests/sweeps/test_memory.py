@@ -15,9 +15,7 @@ from sweeps.commands.search import app as search_app
 from sweeps.execution import memory
 from sweeps.plan.plan import read_plan
 from sweeps.results.pictures import uncovered
-from sweeps.tasks.parameters import PogParams
-from sweeps.tasks.stages import FUNCTIONS
-from sweeps.tasks.task import Task
+from sweeps.stages.pog import PogStage
 from tests.refused import refused
 from tests.sweeps.search_files import write_search
 from tests.sweeps.toy import call
@@ -32,16 +30,16 @@ def test_the_estimate_is_what_a_pog_takes(classes):
     boxes = boxes.assign(scene="a", frame=0, object_id=range(len(classes)), **{"class": classes})
     frames = pd.DataFrame({"scene": "a", "frame": [0], "route": 0, "split": "train"})
     log = BoxLog(boxes, frames)
-    task = Task("pog", "a", PogParams(roi, classes))
-    FUNCTIONS["pog"](task.params, log)  # compiled by now
+    stage = PogStage(roi, classes)
+    stage.run(log)  # compiled by now
     tracemalloc.start()
     try:
-        value = FUNCTIONS["pog"](task.params, log)
+        value = stage.run(log)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     assert np.all(value.counts[classes[0]] == 1)
-    assert 0.7 * memory.voxel_memory(task) < peak < 1.1 * memory.voxel_memory(task)
+    assert 0.7 * stage.need().memory < peak < 1.1 * stage.need().memory
 
 
 def test_what_is_not_covered_is_summed_layer_by_layer():

@@ -23,13 +23,13 @@ from lidarplace.studio.violations import violations
 from sweeps.commands.requirements import app as requirements
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
-from sweeps.configuration.question import read_question
+from sweeps.configuration.requirements_file import read_requirements_check
 from sweeps.plan.plan import make_plan
 from sweeps.results.rig_cautions import rig_cautions
 from sweeps.results.rigs import write_rigs_page
-from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.rig import MountedLidar
 from tests.sweeps.toy import call, ran
 from tracking.run_folders.sweep import RunFolder
 
@@ -138,7 +138,7 @@ def test_too_many_triangles_and_no_trimesh(folder, monkeypatch):
 def test_the_path_is_beside_the_file_and_content_decides_the_keys(folder, monkeypatch, tmp_path):
     def collected(path):
         plan = make_plan(read_sweep(path))
-        return {task.stage: task.key for task in plan.tasks}
+        return {task.stage.name: task.key for task in plan.tasks}
 
     here = collected(sweep_file(folder))
     monkeypatch.chdir("/")
@@ -159,11 +159,11 @@ def test_the_path_is_beside_the_file_and_content_decides_the_keys(folder, monkey
 
 def test_a_task_has_the_triangles_with_it(folder):
     plan = make_plan(read_sweep(sweep_file(folder)))
-    (task,) = [task for task in plan.tasks if task.stage == "recall"]
+    (task,) = [task for task in plan.tasks if task.stage.name == "recall"]
     key = task.key
     (folder / "body.stl").unlink()
-    params = pickle.loads(pickle.dumps(task.params))
-    np.testing.assert_array_equal(params.vehicle.mesh.triangles, task.params.vehicle.mesh.triangles)
+    params = pickle.loads(pickle.dumps(task.stage))
+    np.testing.assert_array_equal(params.vehicle.mesh.triangles, task.stage.vehicle.mesh.triangles)
     assert type(task)("recall", "", params, task.inputs).key == key
 
 
@@ -198,14 +198,14 @@ def test_searches_with_a_mesh_measure_as_with_the_box(folder):
     needs = [PEOPLE | {"at_least": {"points": 3}}, ground | {"at_least": {"coverage": 0.1}}]
     search = {"lidars": 1, "zones": zones, "constraints": {"body_share": 0.6}}
     search |= {"requirements": needs, "greedy": None}
-    rig = (Choice("lidar", "front", Mount(2.31, 0.1, 0.7)),)
+    rig = (MountedLidar("lidar", "front", Mount(2.31, 0.1, 0.7)),)
     found = []
     for vehicle in ({"mesh": "body.stl"}, [[LOW, HIGH]]):
         problem = read_problem(write_search(folder, search=search | {"vehicle": vehicle}))
-        question = problem.question
-        names = {own.name for own in question.constraints}
+        criteria = problem.criteria
+        names = {own.name for own in criteria.constraints}
         assert {"body", "body_share", "requirement.ground", "requirement.people"} <= names
-        found.append(measures_of(rig, question.constraints, question.carrier))
+        found.append(measures_of(rig, criteria.constraints, criteria.carrier))
     assert found[0] == pytest.approx(found[1], abs=1e-9)
 
 
@@ -253,7 +253,7 @@ def test_requirements_and_their_page(folder):
     }
     path = folder / "needs.yaml"
     path.write_text(yaml.safe_dump(file))
-    assert len(read_question(path).vehicle.mesh.faces) == 12
+    assert len(read_requirements_check(path).vehicle.mesh.faces) == 12
     tables = []
     for name, changes in (("mesh", []), ("boxes", ["--set", f"vehicle=[[{[*LOW]}, {[*HIGH]}]]"])):
         call(requirements, path, "--out", folder / name, *changes)
@@ -267,6 +267,6 @@ def test_a_studio_s_file(folder):
     path.write_text(yaml.safe_dump({"vehicle": "body.stl", "placements": {"mine": rig}}))
     file = read_rigs(path)
     assert file.vehicle.height == 1.5
-    (inside,) = [own for own in violations(file.rigs[0], file) if own.constraint == "body"]
+    (inside,) = [own for own in violations(file.rigs[0], file) if own.limit == "body"]
     assert inside.lidars == (1,)
     assert inside.excess == pytest.approx(0.1, abs=1e-6)

@@ -9,7 +9,7 @@ import pytest
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Placement
 from sweeps.plan.plan import read_plan
-from sweeps.tasks.task import Task
+from sweeps.stages.task import Task
 
 GRID = Path(__file__).parents[2] / "examples/grid.yaml"
 ROOMS = ("sweeps.configuration.", "sweeps.plan.", "lidarplace.configuration.")

@@ -66,7 +66,7 @@ def test_one_test_stays_as_it_is():
     truths = truths.assign(scene="s", object_id=[str(f) for f in range(6)])
     found = truths.assign(score=random.uniform(size=6), x=10 + random.uniform(0, 2, 6))
     routes = pd.DataFrame({"scene": "s", "frame": range(6), "route": [0, 0, 1, 1, 2, 2]})
-    whole = evaluation(truths, found, range(6), ["Car"], None, routes)
+    whole = evaluation(truths, found, routes, ["Car"])
     for over in ("mean", "worst"):
         pd.testing.assert_frame_equal(metrics_over_tests([whole.metrics], over), whole.metrics)
         left = left_out_over_tests([whole.left_out], [1], over)

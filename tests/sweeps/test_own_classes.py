@@ -61,7 +61,7 @@ def test_only_what_judges_depends_on_the_overlaps(log, tmp_path):
     mine, its = plain_plan.trials[0], other.trials[0]
     assert mine.finetune.key == its.finetune.key
     assert mine.evaluate.key != its.evaluate.key
-    assert its.evaluate.params.ious == (("Truck", (0.7, 0.5)),)
+    assert its.evaluate.stage.ious == (("Truck", (0.7, 0.5)),)
 
 
 def test_a_class_of_test_frames_alone(log, tmp_path):
@@ -85,7 +85,7 @@ def test_a_curve_that_is_lent(log, tmp_path):
     with refused(("", "surrogate.curves", ""), "found Tram"):
         plan_of(log, tmp_path, class_settings={"Truck": {"curve": "Tram"}}, surrogate={})
     plan = plan_of(log, tmp_path, class_settings=lent, surrogate=surrogate)
-    curves = plan.trials[0].recall.params.curves
+    curves = plan.trials[0].recall.stage.curves
     assert curves.of("Truck", 0.5).rate == curves.of("Car", 0.5).rate
     assert curves.of("Scooter", 0.5).most == curves.of("Cyclist", 0.5).most
 
@@ -96,7 +96,7 @@ def test_a_checkpoint_says_how_large_classes_are(log, tmp_path):
     plan = plan_of(log, tmp_path)
     larger = [*plan.typical[:1], *plan_of(log, tmp_path).typical[1:]]
     larger[0] = type(larger[0])("Truck", (9.0, 2.5, 3.5), 0.0)
-    crop = plan.trials[0].evaluate.params.point_range
+    crop = plan.trials[0].evaluate.stage.point_range
     model = build_detector("pointpillars_tiny", CLASSES, point_range=crop, typical=larger)
     path = tmp_path / "base.pt"
     write_checkpoint(path, model.state_dict(), "pointpillars_tiny", CLASSES, model.typical)

@@ -10,7 +10,6 @@ from small_log import write_sweep
 from lidarplace.commands.convert import app
 from lidarplace.logs.box_log import read_box_log, read_rigs
 from sweeps.plan.plan import read_plan
-from sweeps.tasks import stages
 from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
 from tests.sweeps.toy import call
 from tracking.published import place3d_detection, place3d_placements
@@ -78,7 +77,7 @@ def test_it_is_read_as_a_recorded_placement(tmp_path, place3d, monkeypatch):
     _, plan = read_plan(write_sweep(tmp_path, scene=scene, **keys))
     (trial,) = plan.trials
     (test,) = trial.collect_test
-    found = stages.collect(test.params, log)
+    found = test.stage.run(log)
     assert len(found.frames) == 2
     assert (found.points_per_object["points"] == 30).all()
 

@@ -26,7 +26,7 @@ def plan_of(folder: Path, **changes):
 
 
 def stages(plan):
-    return Counter(task.stage for task in plan.tasks)
+    return Counter(task.stage.name for task in plan.tasks)
 
 
 def test_a_stage_runs_once_for_points_that_agree_in_what_it_depends_on(tmp_path):
@@ -65,12 +65,14 @@ def test_studies_are_of_placements_spread_over_the_grid(tmp_path):
     changes = {"placements": own, "grid": {"placement": [*own], "seed": [1, 2]}}
 
     def studied(plan):
-        found = {
-            stage: [t.grid_point.point.placement for t in plan.trials if getattr(t, stage)]
-            for stage in ("accuracy", "sampling_error")
+        names = {
+            trial.grid_point.point.placement: [task.stage.name for task in trial.studies]
+            for trial in plan.trials
         }
-        assert found["accuracy"] == found["sampling_error"]
-        return list(dict.fromkeys(found["accuracy"]))
+        assert [*filter(None, names.values())] == [["accuracy", "sampling_error"]] * (
+            sum(map(bool, names.values()))
+        )
+        return [placement for placement, studies in names.items() if studies]
 
     def among(count):
         return plan_of(tmp_path, **changes | {"grid": {"placement": [*own][:count]}})
@@ -99,8 +101,8 @@ def trained_and_evaluated(plan, workers):
             return ended
         task = running.popleft()
         schedule.finish(task)
-        if task.stage in ("finetune", "pretrain", "evaluate"):
-            ended.append(task.stage)
+        if task.stage.name in ("finetune", "pretrain", "evaluate"):
+            ended.append(task.stage.name)
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -113,7 +115,7 @@ def test_a_trial_ends_before_the_next_ones_are_trained(tmp_path, workers):
         trained += stage == "finetune"
         evaluated += stage == "evaluate"
         assert trained - evaluated <= workers
-    generalist = {"judge": "generalist", "generalist": FEW}
+    generalist = {"evaluator": "generalist", "generalist": FEW}
     ended = trained_and_evaluated(plan_of(tmp_path, grid=grid, **generalist), workers)
     assert ended.count("pretrain") == 2
     assert ended[:2] == ["pretrain", "evaluate"]
@@ -148,7 +150,7 @@ def test_a_checkpoint_counts_by_its_content(tmp_path):
 
 
 def inputs_of(task, stage):
-    return [needed for needed in task.inputs if needed.stage == stage]
+    return [needed for needed in task.inputs if needed.stage.name == stage]
 
 
 def test_every_simulation_is_a_task_and_training_sees_those_of_its_split(tmp_path):
@@ -159,7 +161,7 @@ def test_every_simulation_is_a_task_and_training_sees_those_of_its_split(tmp_pat
     assert len(trial.pog.inputs) == len(inputs_of(trial.finetune, "collect")) == 4
     for task, split, count in ((trial.finetune, "train", 4), (trial.evaluate, "test", 2)):
         clouds, truths = inputs_of(task, "collect"), inputs_of(task, "ground_truth")
-        assert {cloud.params.split for cloud in clouds} == {split}
+        assert {cloud.stage.split for cloud in clouds} == {split}
         assert len(clouds) == len(truths) == count
         assert [c.inputs for c in clouds] == [t.inputs for t in truths], "in the same order"
 
@@ -171,7 +173,7 @@ def test_with_the_papers_split_every_simulation_trains_and_tests(tmp_path):
     trial = plan.trials[0]
     (train,), (test,) = inputs_of(trial.finetune, "collect"), inputs_of(trial.evaluate, "collect")
     assert train.inputs == test.inputs == trial.scenes
-    assert (train.params.split, test.params.split) == ("train", "test")
+    assert (train.stage.split, test.stage.split) == ("train", "test")
     two = plan_of(tmp_path, scene=scene | {"towns": ["generated"] * 2})
     assert trial.scenes[0].key == two.trials[0].scenes[0].key, "another town leaves it as it is"
 
@@ -183,12 +185,12 @@ def test_quirks_change_the_clouds_alone(tmp_path):
     )
     assert plain.surrogates.key == odd.surrogates.key
     (collect,), (straight,) = odd.collect_test, plain.collect_test
-    tilted, meant = collect.params.placement.mounts, straight.params.placement.mounts
+    tilted, meant = collect.stage.placement.mounts, straight.stage.placement.mounts
     assert [(m.x, m.y, m.z) for m in tilted] == [(m.x, m.y, m.z) for m in meant]
     rolls = [(a.roll, b.roll) for a, b in zip(tilted, meant, strict=True)]
     assert all(a == pytest.approx(math.radians(b)) for a, b in rolls)
     assert {b for _, b in rolls} == {-0.28, 0.0, 0.28}
-    assert collect.params.crop[2] == pytest.approx(straight.params.crop[2] - 0.4)
+    assert collect.stage.crop[2] == pytest.approx(straight.stage.crop[2] - 0.4)
 
 
 def test_thinned_clouds_leave_the_surrogates_as_they_are(tmp_path):
@@ -197,9 +199,9 @@ def test_thinned_clouds_leave_the_surrogates_as_they_are(tmp_path):
         plan_of(tmp_path, lidar=lidar).trials[0] for lidar in ({"azimuth_steps": 5625}, sparse)
     )
     assert whole.surrogates.key == thin.surrogates.key
-    assert whole.accuracy.key == thin.accuracy.key
+    assert [task.key for task in whole.studies] == [task.key for task in thin.studies]
     for (task,), steps in ((whole.collect_test, 5625), (thin.collect_test, 900)):
-        assert {lidar.azimuth_steps for lidar in task.params.placement.lidars} == {steps}
+        assert {lidar.azimuth_steps for lidar in task.stage.placement.lidars} == {steps}
 
 
 def test_a_log_of_ones_own(tmp_path):
@@ -246,7 +248,7 @@ def test_weather_is_seen_by_clouds_and_surrogates_alone(tmp_path):
 
 def trial_weather(task):
     """Extinction of the rig that a task knows."""
-    rig = getattr(task.params, "placement", None)
+    rig = getattr(task.stage, "placement", None)
     return None if rig is None else rig.lidars[0].extinction
 
 
@@ -255,17 +257,17 @@ FEW = {"rigs": 6, "rigs_per_frame": 2, "epochs": 3}
 
 
 def test_a_generalist_is_trained_once_on_rigs_that_it_does_not_judge(tmp_path):
-    grid = {"placement": EIGHT, "judge": ["generalist"], "seed": [1, 2]}
+    grid = {"placement": EIGHT, "evaluator": ["generalist"], "seed": [1, 2]}
     plan = plan_of(tmp_path, generalist=FEW, training={"epochs": 9}, grid=grid)
     assert stages(plan)["pretrain"] == 2
     assert "finetune" not in stages(plan)
-    judged = {task.params.placement.mounts for trial in plan.trials for task in trial.collect_test}
+    judged = {task.stage.placement.mounts for trial in plan.trials for task in trial.collect_test}
     for trial in plan.trials:
         training = trial.evaluate.inputs[0]
-        assert training.stage == "pretrain"
-        assert training.params.seed == trial.grid_point.point.seed
-        assert training.params.training.epochs == 3
-        collected = [task.params for task in training.inputs if task.stage == "collect"]
+        assert training.stage.name == "pretrain"
+        assert training.stage.seed == trial.grid_point.point.seed
+        assert training.stage.training.epochs == 3
+        collected = [task.stage for task in training.inputs if task.stage.name == "collect"]
         assert len({params.placement.mounts for params in collected}) == 6
         assert not {params.placement.mounts for params in collected} & judged
         assert {params.split for params in collected} == {"train"}
@@ -274,27 +276,27 @@ def test_a_generalist_is_trained_once_on_rigs_that_it_does_not_judge(tmp_path):
 
 
 def test_a_generalist_is_shared_by_sweeps_and_by_those_who_start_from_it(tmp_path):
-    grid = {"placement": ["line", "center"], "judge": ["generalist", "specialist", "finetuned"]}
+    grid = {"placement": ["line", "center"], "evaluator": ["generalist", "specialist", "finetuned"]}
     plan = plan_of(tmp_path, generalist=FEW, grid=grid)
     assert stages(plan)["pretrain"] == 1
-    (generalist,) = [task for task in plan.tasks if task.stage == "pretrain"]
-    tuned = [t for t in plan.trials if t.grid_point.point.judge == "finetuned"]
+    (generalist,) = [task for task in plan.tasks if task.stage.name == "pretrain"]
+    tuned = [t for t in plan.trials if t.grid_point.point.evaluator == "finetuned"]
     assert [trial.finetune.inputs[0] for trial in tuned] == [generalist] * 2
-    own = [t for t in plan.trials if t.grid_point.point.judge == "specialist"]
-    assert all(task.stage != "pretrain" for trial in own for task in trial.finetune.inputs)
+    own = [t for t in plan.trials if t.grid_point.point.evaluator == "specialist"]
+    assert all(task.stage.name != "pretrain" for trial in own for task in trial.finetune.inputs)
     other = {"training": {"epochs": 2}, "scene": {"test_seed": 5}}
     grid = {"placement": ["center", "line"]}
-    same = plan_of(tmp_path, generalist=FEW, judge="generalist", grid=grid, **other)
+    same = plan_of(tmp_path, generalist=FEW, evaluator="generalist", grid=grid, **other)
     assert generalist.key in {task.key for task in same.tasks}
     assert not {trial.evaluate.key for trial in same.trials} & {task.key for task in plan.tasks}
 
 
 def test_a_generalist_s_rigs_can_be_named(tmp_path):
     own = {f"own_{z}": {"mounts": [{"x": 0, "y": 0, "z": z}]} for z in (2, 3)}
-    changes = {"placements": own, "judge": "generalist"}
+    changes = {"placements": own, "evaluator": "generalist"}
     plan = plan_of(tmp_path, generalist={"rigs": list(own)}, **changes)
-    (training,) = [task for task in plan.tasks if task.stage == "pretrain"]
-    found = [task.params for task in training.inputs if task.stage == "collect"]
+    (training,) = [task for task in plan.tasks if task.stage.name == "pretrain"]
+    found = [task.stage for task in training.inputs if task.stage.name == "collect"]
     assert {params.placement.mounts[0].z for params in found} == {2, 3}
     assert {params.every for params in found} == {1}
 
@@ -303,7 +305,7 @@ def test_a_generalist_has_the_lidar_model_that_it_judges(tmp_path):
     own = {"own": {"mounts": [{"x": 0, "y": 0, "z": 2, "lidar": {"beams": 64}}]}}
     changes = {"placements": own, "generalist": {"rigs": ["own"]}}
     assert stages(plan_of(tmp_path, **changes))["pretrain"] == 0
-    assert stages(plan_of(tmp_path, judge="generalist", lidar={"beams": 64}, **changes))
+    assert stages(plan_of(tmp_path, evaluator="generalist", lidar={"beams": 64}, **changes))
 
 
 def test_a_vehicle_of_the_fleet_is_what_is_tested_and_not_what_is_trained_on(tmp_path):
@@ -311,15 +313,15 @@ def test_a_vehicle_of_the_fleet_is_what_is_tested_and_not_what_is_trained_on(tmp
     grid = {"placement": ["line", "square"], "mounting_errors.vehicle": [1, 2]}
     plan = plan_of(tmp_path, mounting_errors=errors, grid=grid)
     assert (stages(plan)["finetune"], stages(plan)["evaluate"]) == (2, 4)
-    clouds = {trial.label: trial.collect_test[0].params for trial in plan.trials}
+    clouds = {trial.label: trial.collect_test[0].stage for trial in plan.trials}
     assert len({params.placement for params in clouds.values()}) == 4
     assert not any(params.errors for params in clouds.values())
-    fleet = [task.params for task in plan.trials[0].finetune.inputs if task.stage == "collect"]
+    fleet = [task.stage for task in plan.trials[0].finetune.inputs if task.stage.name == "collect"]
     assert all(params.errors for params in fleet)
 
 
 def test_a_rig_whose_rings_coincide_is_told_how_they_would_not(tmp_path):
-    grid = {"placement": ["line", "center"], "judge": ["generalist", "specialist"]}
+    grid = {"placement": ["line", "center"], "evaluator": ["generalist", "specialist"]}
     plan = plan_of(tmp_path, generalist=FEW, grid=grid)
     line = [t for t in plan.trials if t.grid_point.point.placement == "line"]
     center = [t for t in plan.trials if t.grid_point.point.placement == "center"]
@@ -333,9 +335,9 @@ def test_a_rig_whose_rings_coincide_is_told_how_they_would_not(tmp_path):
 def test_cautions_name_rigs_beyond_what_the_generalist_has_seen(tmp_path):
     high = {"high": {"mounts": [{"x": 0, "y": y, "z": 2.2} for y in (-0.6, -0.2, 0.2, 0.6)]}}
     named = {f"p{z}": {"mounts": [{"x": 0, "y": y, "z": z} for y in range(4)]} for z in (1, 2)}
-    judge = {"judge": "generalist", "generalist": {"rigs": list(named)}}
+    generalist = {"evaluator": "generalist", "generalist": {"rigs": list(named)}}
     rigs = {"placements": high | named, "placement": "high", "vehicle": []}
-    plan = plan_of(tmp_path, **judge, **rigs)
+    plan = plan_of(tmp_path, **generalist, **rigs)
     coincide, facing, outside = rig_cautions(plan)
     assert facing.startswith("high: LiDARs 1 and 2, 1 and 3, 1 and 4 and 3 pairs more look into ea")
     assert coincide.startswith("high: ")
@@ -403,7 +405,7 @@ def test_cameras_are_said_to_be_ignored_and_change_no_key(tmp_path):
         plan_of(tmp_path, placements={"mine": own}, placement="mine", requirements=[people])
         for own in (mounts, mounts | {"cameras": [camera]})
     ]
-    keys = [{task.stage + task.label: task.key for task in plan.tasks} for plan in plans]
+    keys = [{task.stage.name + task.label: task.key for task in plan.tasks} for plan in plans]
     assert {name for name in keys[0] if keys[0][name] != keys[1][name]} == {
         name for name in keys[0] if name.startswith("requirements")
     }

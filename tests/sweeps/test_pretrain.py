@@ -13,8 +13,8 @@ from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import execute
 from sweeps.plan.plan import make_plan
 from sweeps.plan.pretrain_task import pretrain_task, training_of
+from sweeps.stages.task import with_inputs
 from sweeps.store.local import Store
-from sweeps.tasks.task import with_inputs
 from tests.sweeps.toy import Loud, call
 from training import build_detector
 
@@ -48,13 +48,13 @@ def planned(path):
 
 def test_the_clouds_of_all_placements_train_together(folder):
     task, plan = planned(write(folder))
-    clouds = [needed for needed in task.inputs if needed.stage == "collect"]
+    clouds = [needed for needed in task.inputs if needed.stage.name == "collect"]
     assert len(clouds) == 4, "two placements with two LiDARs; the seeds share them"
-    assert {cloud.params.split for cloud in clouds} == {"train"}
-    truths = [needed for needed in task.inputs if needed.stage == "ground_truth"]
+    assert {cloud.stage.split for cloud in clouds} == {"train"}
+    truths = [needed for needed in task.inputs if needed.stage.name == "ground_truth"]
     assert len(truths) == 1, "or every object would be there twice"
     assert len(task.inputs) == 5
-    assert task.params.seed == 1
+    assert task.stage.seed == 1
     known = {item.key for item in plan.tasks}
     seen = set()
     for needed in with_inputs([task]):
@@ -62,17 +62,17 @@ def test_the_clouds_of_all_placements_train_together(folder):
         assert needed.key not in seen
         assert needed.key in known or needed is task
         seen.add(needed.key)
-    stages = {item.stage for item in with_inputs([task])}
+    stages = {item.stage.name for item in with_inputs([task])}
     assert stages == {"scene", "ground_truth", "collect", "pretrain"}
 
 
 def test_the_range_holds_that_of_every_placement(folder):
     quirk = {"placement": ["line", "pyramid"], "lidar.misaligned_heights": [True]}
     task, plan = planned(write(folder, grid=quirk))
-    ranges = np.array([trial.finetune.params.point_range for trial in plan.trials])
+    ranges = np.array([trial.finetune.stage.point_range for trial in plan.trials])
     assert len(np.unique(ranges, axis=0)) == 2
     expected = [*ranges[:, :3].min(axis=0), *ranges[:, 3:].max(axis=0)]
-    assert list(task.params.point_range) == expected
+    assert list(task.stage.point_range) == expected
 
 
 def test_the_command_writes_weights_to_start_from(folder):

@@ -1,4 +1,4 @@
-"""Rigs evaluated by weights in a file: `judge: pretrained`, in sweeps, searches and Python."""
+"""Rigs evaluated by weights in a file: `evaluator: pretrained`, in sweeps, searches and Python."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -50,10 +50,10 @@ def write(folder, content, **changes):
 
 
 def judged(folder, **changes):
-    """A sweep that judges by the file."""
+    """A sweep that is evaluated by the file."""
     training = {"checkpoint": str(folder / "base.pt")}
     grid = {"placement": ["line", "square"]}
-    content = TRAINED | {"judge": "pretrained", "training": training, "grid": grid}
+    content = TRAINED | {"evaluator": "pretrained", "training": training, "grid": grid}
     return write(folder, content, **changes)
 
 
@@ -70,8 +70,8 @@ def test_the_file_says_what_it_was_trained_on(folder):
 def test_a_sweep_trains_nothing_and_python_finds_the_same(folder):
     path = judged(folder)
     plan = make_plan(read_sweep(path))
-    assert {task.stage for task in plan.tasks} >= {"pretrained", "evaluate"}
-    assert not {"finetune", "pretrain", "probe"} & {task.stage for task in plan.tasks}
+    assert {task.stage.name for task in plan.tasks} >= {"pretrained", "evaluate"}
+    assert not {"finetune", "pretrain", "probe"} & {task.stage.name for task in plan.tasks}
     call(app, "run", path)
     results = pd.read_parquet(folder / "runs" / "grid" / "results.parquet")
     lidar = replace(Lidar.paper(), azimuth_steps=240)
@@ -92,7 +92,7 @@ def test_other_weights_are_other_results(folder):
 
     def keys(name):
         path = judged(folder, training={"checkpoint": str(folder / name)})
-        return {task.stage: task.key for task in make_plan(read_sweep(path)).tasks}
+        return {task.stage.name: task.key for task in make_plan(read_sweep(path)).tasks}
 
     one, other = keys("base.pt"), keys("other.pt")
     assert one["pretrained"] != other["pretrained"]
@@ -193,7 +193,7 @@ def test_the_demo_and_its_search_fit_the_file_of_the_package():
     assert all(torch.isfinite(value).all() for value in found.state_dict.values())
     examples = Path(__file__).parents[2] / "examples"
     plan = make_plan(read_sweep(examples / "demo.yaml"))
-    trained = [task.params for task in plan.tasks if task.stage == "finetune"]
+    trained = [task.stage for task in plan.tasks if task.stage.name == "finetune"]
     assert [params.checkpoint for params in trained] == 8 * [found.digest]
     problem = read_problem(examples / "search_demo.yaml")  # refuses rigs that it does not know
     assert problem.pretrained

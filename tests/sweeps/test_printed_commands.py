@@ -16,7 +16,7 @@ from tests.fuzz.lines import ACCEPTED, LINES
 from tests.mlflow_database import write_database
 from tests.sweeps.search_files import SEARCH
 from tests.sweeps.small_log import SMALL, write_small_log
-from tests.sweeps.test_command_judge import TOY
+from tests.sweeps.test_command_evaluator import TOY
 
 SWEEP = SMALL | {"lidar": {"azimuth_steps": 90}, "detector": "pointpillars_tiny"}
 SWEEP |= {"surrogate": SMALL["surrogate"] | {"names": ["ig"]}}
@@ -24,13 +24,18 @@ SWEEP |= {"grid": {"placement": ["line", "center"], "seed": [1]}, "ray": "debug"
 TRAINED = "--set training.epochs=1 --set training.lr=0.002"
 FEW = {"rigs": 2, "rigs_per_frame": 1, "epochs": 1}
 JUDGE = {"command": "{python} toy.py {clouds} {detections}", "format": "kitti", "name": "toy"}
-NO_SEED = {"grid": {"placement": ["line", "center"]}, "judge": JUDGE}
+NO_SEED = {"grid": {"placement": ["line", "center"]}, "evaluator": JUDGE}
 LOG = {"scene": {"source": "log", "folder": "log"}}
 CAR = "Car -1 -1 -10 100 100 200 200 1.6 1.8 4.4 0.0 1.6 15.0 0.0 0.9\n"
 CASES = {
     "detectors": ("run", SWEEP, TRAINED, {"run", "studio", "dashboard"}),
     "a command": ("run", SWEEP | NO_SEED, "", {"studio", "dashboard"}),
-    "a generalist": ("run", SWEEP | {"judge": "generalist", "generalist": FEW}, TRAINED, {"run"}),
+    "a generalist": (
+        "run",
+        SWEEP | {"evaluator": "generalist", "generalist": FEW},
+        TRAINED,
+        {"run"},
+    ),
     "a search": ("search", SEARCH | LOG, "--set search.trials=4", {"run", "view", "dashboard"}),
 }
 

@@ -12,10 +12,10 @@ from lidarplace.command_line.terminal import Terminal
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import Running, StageProgress, TimeLeft, about, minutes
 from sweeps.search.run import TrialProgress
+from sweeps.stages.task import Task
 from sweeps.store.local import Note, Store
-from sweeps.tasks.task import Task
 from tests.forked import GUARD_S
-from tests.sweeps.toy import Toy
+from tests.sweeps.toy import CollectToy, EvaluateToy, Toy, TrainingToy
 
 
 class Clock:
@@ -45,7 +45,8 @@ class Log(io.StringIO):
 
 
 def tasks_of(stage, count, first=0):
-    return [Task(stage, f"{stage} {n}", Toy(n)) for n in range(first, first + count)]
+    kind = {"collect": CollectToy, "finetune": TrainingToy, "evaluate": EvaluateToy}[stage]
+    return [Task(kind(n), f"{stage} {n}") for n in range(first, first + count)]
 
 
 @given(
@@ -65,9 +66,11 @@ def test_the_estimate_is_what_machines_take_that_go_on_like_that(counts, lengths
         while waiting and len(ends) < machines:
             task = waiting.pop(0)
             running.started(task)
-            heapq.heappush(ends, (clock.now + length[task.stage], len(tasks) - len(waiting), task))
+            heapq.heappush(
+                ends, (clock.now + length[task.stage.name], len(tasks) - len(waiting), task)
+            )
         clock.now, _, task = heapq.heappop(ends)
-        left.ended(task.stage, running.ended(task))
+        left.ended(task.stage.name, running.ended(task))
         told.append((clock.now, left.seconds(running, clock.now)))
     longest = max(length[stage] for stage in stages)
     for now, estimate in told:
@@ -170,7 +173,7 @@ def test_a_sweep_in_a_log(at_once, tmp_path):
 
 def test_a_search_in_a_log(at_once, tmp_path):
     log, store = Log(), Store(tmp_path)
-    training = Task("pretrain", "all", Toy(), resumable=True)
+    training = Task(TrainingToy(), "all")
     with TrialProgress(log.console, 20, store) as progress, store.running(training, Note()) as note:
         note("epoch 2 of 9, 20 %")
         progress.started(training)
@@ -178,9 +181,9 @@ def test_a_search_in_a_log(at_once, tmp_path):
         while now not in log.getvalue():
             assert log.grown.acquire(timeout=GUARD_S)
         progress.finished(training)
-        progress.told(8)  # a training is no measure of what is to come
+        progress.count_finished(8)  # a training is no measure of what is to come
         while "trials 8 of 20\n" not in log.getvalue():
             assert log.grown.acquire(timeout=GUARD_S)
-        progress.told(16)
+        progress.count_finished(16)
         while "trials 16 of 20; about 10 s left" not in log.getvalue():
             assert log.grown.acquire(timeout=GUARD_S)

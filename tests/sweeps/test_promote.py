@@ -13,12 +13,14 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure
-from sweeps.execution.worker import FUNCTIONS
 from sweeps.plan.plan import make_plan
 from sweeps.results.promotion import at_most, promote, survivors
 from sweeps.results.trial_results import trial_failure
+from sweeps.stages.collect import CollectStage
+from sweeps.stages.evaluate import EvaluateStage, EvaluationResult
+from sweeps.stages.surrogates import Scores, SurrogatesStage
+from sweeps.stages.train import FinetuneStage
 from sweeps.store.local import Store
-from sweeps.tasks.results import Evaluated, Scores
 from tests.sweeps.toy import Quiet, Toy, result
 from tracking.run_folders.sweep_tables import PROMOTIONS
 
@@ -45,28 +47,29 @@ def quick(monkeypatch):
     """Trainings and evaluations of no work; AP is what the test says, by placement and epochs."""
     ap, trained = {}, []
 
-    def finetune(params, *inputs, **how) -> Toy:
-        mounts = params.seed, params.training.epochs, params.point_range
+    def finetune(stage, *inputs, **how) -> Toy:
+        mounts = stage.seed, stage.training.epochs, stage.point_range
         trained.append(mounts)
-        return Toy([params.seed, params.training.epochs])
+        return Toy([stage.seed, stage.training.epochs])
 
-    def evaluate(params, weights, clouds, *inputs) -> Evaluated:
+    def evaluate(stage, weights, clouds, *inputs) -> EvaluationResult:
         value = ap[clouds.n](*weights.n)
         columns = ["class", "metric", "iou", "difficulty", "value", "ground_truths"]
         rows = [("Car", "AP_R40_3D", 0.7, "all", value, 9)]
         return result(metrics=pd.DataFrame(rows, columns=columns))
 
-    def collect(params, log) -> Toy:
-        return Toy(repr(params.placement.mounts))
+    def collect(stage, log) -> Toy:
+        return Toy(repr(stage.placement.mounts))
 
-    for name, function in (("finetune", finetune), ("evaluate", evaluate), ("collect", collect)):
-        monkeypatch.setitem(FUNCTIONS, name, function)
+    monkeypatch.setattr(FinetuneStage, "run", finetune)
+    monkeypatch.setattr(EvaluateStage, "run", evaluate)
+    monkeypatch.setattr(CollectStage, "run", collect)
     return ap, trained
 
 
 def mounts_of(plan, name):
     trial = next(trial for trial in plan.trials if trial.grid_point.point.placement == name)
-    return repr(trial.collect_test[0].params.placement.mounts)
+    return repr(trial.collect_test[0].stage.placement.mounts)
 
 
 def read_with(ap, folder, *values, **changes):
@@ -170,15 +173,15 @@ def test_a_placement_of_which_a_training_fails_does_not_go_on(tmp_path, quick, s
 def test_a_failed_surrogate_is_a_failure_and_no_verdict(tmp_path, quick, monkeypatch):
     ap, trained = quick
     sweep, plan = read_with(ap, tmp_path, 1.0, 1.0, 1.0, 1.0)
-    true = FUNCTIONS["surrogates"]
+    true = SurrogatesStage.run
     first = plan.trials[0]
 
-    def fail(params, pog) -> Scores:
-        if params == first.surrogates.params:
+    def fail(stage, pog) -> Scores:
+        if stage == first.surrogates.stage:
             raise OSError(28, "No space left on device")
-        return true(params, pog)
+        return true(stage, pog)
 
-    monkeypatch.setitem(FUNCTIONS, "surrogates", fail)
+    monkeypatch.setattr(SurrogatesStage, "run", fail)
     promotion, _, outcome = run(sweep, plan, tmp_path)
     name = first.grid_point.point.placement
     own = [t for t in plan.trials if t.grid_point.point.placement == name]
@@ -199,9 +202,9 @@ def test_placements_compete_within_a_detector(tmp_path, quick):
 
 def test_the_plan_counts_what_promotion_leaves(tmp_path):
     sweep, plan = read(tmp_path)
-    trainings = [task for task in at_most(sweep, plan) if task.stage == "finetune"]
+    trainings = [task for task in at_most(sweep, plan) if task.stage.name == "finetune"]
     assert len(trainings) == 3 * 2 + 1 * 2
-    assert sum(task.stage == "finetune" for task in plan.tasks) == 2 * 4 * 2
+    assert sum(task.stage.name == "finetune" for task in plan.tasks) == 2 * 4 * 2
 
 
 finite = st.floats(-1e300, 1e300)

@@ -13,8 +13,7 @@ from lidarplace.recall.detection_curve import DetectionCurve, write_curves
 from sweeps.commands.run import app
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
-from sweeps.tasks.parameters import RecallParams
-from sweeps.tasks.stages import recall
+from sweeps.stages.recall import RecallStage
 from tests.lidarplace.recall.small_scenes import CURVES, LIDAR, MOUNTS, ROI, ROWS, cells_hit, log_of
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_sweep
@@ -49,8 +48,8 @@ def stage(rows, *rigs, classes=("Bus", "Tram")):
     log = log_of(*rows)
     log.frames["split"] = np.where(log.frames["frame"] == 3, "test", "train")
     curves = CURVES.model_copy(update={"curves": (*CURVES.curves, curve("Car", 0.9))})
-    params = RecallParams(rigs, OBJECT_SURROGATES, ROI, classes, curves, seed=0, frames=99)
-    table = recall(params, log).table
+    recall = RecallStage(rigs, OBJECT_SURROGATES, ROI, classes, curves, seed=0, frames=99)
+    table = recall.run(log).table
     assert set(table["method"]) <= {"raycast"}
     return table.set_index(["class", "surrogate"])["value"]
 
@@ -88,16 +87,16 @@ def test_it_is_of_the_rig_of_the_clouds(log):
     quirks = {**SWEEP["lidar"], "tilt_in_degrees": True}
     _, _, plan = read(log, detector="pointpillars_tiny", lidar=quirks)
     for trial in plan.trials:
-        assert trial.recall.params.rigs == (trial.collect_test[0].params.placement,)
-        assert trial.recall.params.rigs[0].lidars[0].azimuth_steps == 450
-        assert set(trial.surrogates.params.names) & set(OBJECT_SURROGATES) == set()
+        assert trial.recall.stage.rigs == (trial.collect_test[0].stage.placement,)
+        assert trial.recall.stage.rigs[0].lidars[0].azimuth_steps == 450
+        assert set(trial.surrogates.stage.names) & set(OBJECT_SURROGATES) == set()
 
 
 def test_drawn_mounts_give_the_mean_over_vehicles(log):
     errors = {"offset": 0.01, "angle_deg": 0.5}
     surrogate = {"names": ["expected_recall"], "mount_draws": 3}
     _, _, plan = read(log, surrogate=surrogate, mounting_errors=errors)
-    params, meant = plan.trials[0].recall.params, PAPER_PLACEMENTS["line"]
+    params, meant = plan.trials[0].recall.stage, PAPER_PLACEMENTS["line"]
     assert len(set(params.rigs)) == 3
     for rig in params.rigs:
         for own, mount in zip(rig.mounts, meant.mounts, strict=True):
@@ -110,7 +109,7 @@ def test_drawn_mounts_give_the_mean_over_vehicles(log):
 def test_who_asks_for_none_pays_for_none(log):
     _, _, plan = read(log, surrogate={"names": ["m_sog"]})
     wanted = {"scene", "pog", "surrogates", "accuracy", "sampling_error"}
-    assert {task.stage for task in plan.tasks} == wanted
+    assert {task.stage.name for task in plan.tasks} == wanted
     assert [trial.recall for trial in plan.trials] == [None] * 3
 
 
@@ -144,6 +143,6 @@ def test_own_curves_are_another_task(log):
     for most in (0.9, 0.5):
         write_curves(own, "by hand", [curve("Car", most), curve("Cyclist", most)])
         trial = read(log, surrogate={"curves": str(own)})[2].trials[0]
-        assert trial.recall.params.curves.of("Car", 0.5).most == most
+        assert trial.recall.stage.curves.of("Car", 0.5).most == most
         keys.append(trial.recall.key)
     assert len({before.recall.key, *keys}) == 3

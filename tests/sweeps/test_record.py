@@ -16,8 +16,8 @@ from lidarplace.logs.box_log import read_box_log
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.scenes.recorded import LogRecording, LogScene
 from sweeps.commands.record import app
-from sweeps.tasks import stages
-from sweeps.tasks.parameters import CollectParams, RecordedParams, SceneParams
+from sweeps.stages.collect import CollectStage, RecordedCloudsStage
+from sweeps.stages.scene import SceneStage
 from tests.refused import refused
 from tests.sweeps.toy import call
 
@@ -66,21 +66,19 @@ def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
     """The stage gives the same points either way, to the millimetres of their grids."""
     log = read_box_log(folder / "logs" / "scene.density=30")
     scene = LogScene(source="log", folder=folder / "logs" / "scene.density=30")
-    value = stages.scene(SceneParams(LogRecording(scene, scene.digest())))
+    value = SceneStage(LogRecording(scene, scene.digest())).run()
     pd.testing.assert_frame_equal(value.boxes, log.boxes)
     pd.testing.assert_frame_equal(value.buildings, log.buildings)
     lidar = Lidar(tuple(np.radians([-9.0, -5.0, -2.0])), azimuth_steps=720)
     placement = PAPER_PLACEMENTS["line"].with_lidar(lidar)
-    ours = stages.collect(
-        CollectParams(placement, False, 1, "train", CROP, MountingErrors()), value
-    )
+    ours = CollectStage(placement, False, 1, "train", CROP, MountingErrors()).run(value)
     wide = (-1.0, -30.0, -1.0, 50.0, 30.0, 9.0)
     store = folder / "clouds" / "line"
     write_clouds(store / "route-0", collect(log, log.frames["frame"], placement, wide, seed=1))
-    params = RecordedParams(store, clouds_digest(store), split="train", crop=CROP)
-    theirs = stages.collect(params, value)
+    stage = RecordedCloudsStage(store, clouds_digest(store), split="train", crop=CROP)
+    theirs = stage.run(value)
     with refused((str(store), "", "")):
-        stages.collect(replace(params, digest="another"), value)
+        replace(stage, digest="another").run(value)
     numbers = log.frames.loc[log.frames["split"] == "train", "frame"].tolist()
     assert ours.frames.tolist() == theirs.frames.tolist() == numbers
     assert ours.counts.sum() > 500

@@ -16,7 +16,7 @@ from lidarplace.rigs.recorded import RecordedRig, one_rig
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.results.rigs import lidar_models, rigs_yaml
-from sweeps.tasks.parameters import CollectParams, RecordedParams
+from sweeps.stages.collect import CollectStage, RecordedCloudsStage
 from tests.other_simulator import LIDAR, MOUNTS, RIG, write_log
 from tests.refused import refused
 from tests.sweeps.toy import ran
@@ -77,7 +77,7 @@ def test_a_sweep_on_real_points_and_on_simulated_ones(log, tmp_path):
         (task,) = trial.collect_test
         clouds = store.load(task)
         real = point.scene.clouds == "recorded"
-        assert isinstance(task.params, RecordedParams if real else CollectParams)
+        assert isinstance(task.stage, RecordedCloudsStage if real else CollectStage)
         assert clouds.counts.shape == (2, len(named))
         if real:  # the test route is the second folder; its ROI is in front
             for index in range(2):
@@ -133,7 +133,7 @@ ONE = {"placement": ["only_top"]}
         ({"recorded": ["tpo"]}, {}, "placements: only_top.recorded"),
         ({"recorded": ["top", "top"]}, {}, "placements.only_top.recorded"),
         ({"recorded": ["top"]}, {"weather": {"rain": 1}}, "weather"),
-        ({"recorded": ["top"]}, {"judge": "generalist"}, "scene.clouds"),
+        ({"recorded": ["top"]}, {"evaluator": "generalist"}, "scene.clouds"),
     ],
 )
 def test_mistakes(log, tmp_path, placement, changes, key):

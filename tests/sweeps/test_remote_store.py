@@ -18,16 +18,16 @@ from fsspec.registry import known_implementations
 from small_log import write_sweep
 
 from sweeps.configuration.grid import read_sweep
+from sweeps.stages.task import Task
 from sweeps.store import checkpoint_mirror
 from sweeps.store.local import Note, Store
 from sweeps.store.open import open_store, reference, store_of
 from sweeps.store.remote import RemoteStore
 from sweeps.store.result_folder import DamagedResult, Ran, Record, _digest_of_content
-from sweeps.tasks.task import Task
 from tests.refused import refused
-from tests.sweeps.toy import Toy, flip_bit, keep_in, texts, write
+from tests.sweeps.toy import TrainingToy, flip_bit, keep_in, texts, write
 
-TASK = Task("finetune", "a", Toy(1), resumable=True)
+TASK = Task(TrainingToy(1), "a")
 
 
 @pytest.fixture(params=["memory", "folder"])
@@ -55,7 +55,7 @@ class Kept:
 
 @pytest.fixture(autouse=True)
 def kept(monkeypatch):
-    keep_in(monkeypatch, TASK.stage, Kept)
+    keep_in(monkeypatch, type(TASK.stage), Kept)
 
 
 def value(n=3, large=None):
@@ -74,7 +74,7 @@ def test_what_one_machine_saves_another_loads(machine):
     assert other.finished([TASK]) == set()
     one.save(TASK, saved, seconds=1.5, ran=Ran(node="n1"))
     assert other.has(TASK)
-    assert other.finished([TASK, Task("finetune", "b", Toy())]) == {TASK.key}
+    assert other.finished([TASK, Task(TrainingToy(), "b")]) == {TASK.key}
     assert other.record(TASK) == Record(label="a", seconds=1.5, node="n1")
     assert not other.path(TASK).exists(), "what is asked about a result is not copied"
     found = other.load(TASK)
@@ -181,7 +181,7 @@ def test_a_damaged_copy_is_not_handed_on(machine, url):
     one = machine("one")
     one.save(TASK, value(), seconds=0.0)
     filesystem, root = fsspec.url_to_fs(url)
-    filesystem.rm(f"{root}/{TASK.stage}", recursive=True)
+    filesystem.rm(f"{root}/{TASK.stage.name}", recursive=True)
     flip_bit(one.path(TASK) / "array.npy", 0.5)
     one.save(TASK, value(), seconds=0.0)
     assert machine("other").load(TASK).array.tolist() == [3] * 4
@@ -209,7 +209,7 @@ def test_checkpoints_are_copied_while_the_task_runs(machine, url, tmp_path, monk
     monkeypatch.setattr(checkpoint_mirror, "SECONDS", 0.01)
     store = machine("one")
     filesystem, root = fsspec.url_to_fs(url)
-    place = f"{root}/{TASK.stage}/.{TASK.key}.working"
+    place = f"{root}/{TASK.stage.name}/.{TASK.key}.working"
     there = tmp_path / "there"
     found = []
     with store.working_folder(TASK) as folder:
@@ -274,7 +274,7 @@ def test_notes_and_references_are_seen_by_all(machine, url):
     filesystem, root = fsspec.url_to_fs(url)
     with one.running(TASK, Note("n1")):
         assert other.running_notes([TASK]) == {TASK.key: Note("n1")}
-        filesystem.pipe_file(f"{root}/{TASK.stage}/{one.note(TASK).name}", b'{"host": ')
+        filesystem.pipe_file(f"{root}/{TASK.stage.name}/{one.note(TASK).name}", b'{"host": ')
         assert other.running_notes([TASK]) == {}, "it is not whole"
     assert other.running_notes([TASK]) == {}
     lost = one.running(TASK, Note())
@@ -295,7 +295,7 @@ def test_a_sweep_at_a_url_cannot_be_locked_out(machine, monkeypatch):
     store = machine("one")
     with store.in_use(), refused((str(store.folder), "", "")):
         Store(store.folder).exclusive().__enter__()
-    with refused((store.shown, "", ""), "--unlocked"):
+    with refused((store.public_name, "", ""), "--unlocked"):
         store.exclusive()
 
 

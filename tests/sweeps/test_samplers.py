@@ -40,13 +40,13 @@ def test_categories_and_constraints(name):
 
 def test_cma_es_starts_near_the_best_of_what_is_given():
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    study = optuna.create_study(sampler=Repeatable("cmaes", seed=5, given=3))
+    study = optuna.create_study(sampler=Repeatable("cmaes", seed=5, enqueued=3))
     values = {0.1: 2.0, 0.8: 1.0, 0.5: 3.0}
     for x in values:
         study.enqueue_trial(dict.fromkeys(SPACE, x))
     for value in values.values():
         study.tell(study.ask(SPACE), value)
-    asked = [study.ask(SPACE).params for _ in range(20)]
+    asked = [study.ask(SPACE).stage for _ in range(20)]
     means = [sum(params[name] for params in asked) / len(asked) for name in SPACE]
     assert means == pytest.approx([0.8] * 3, abs=0.08)
     assert all(abs(x - 0.8) < 0.5 for params in asked for x in params.values())

@@ -13,7 +13,7 @@ from small_log import write_small_log
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.mounting.errors import MountingErrors
 from sweeps.search.output.terminal import rig_warnings
-from sweeps.search.problem.judged_sweep import generalists, judged_rigs
+from sweeps.search.problem.generalist_trials import generalists, trials_of_rigs
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.training_rigs import training_rigs
 from sweeps.search.trials import by_generalist
@@ -43,11 +43,11 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(tmp_p
 
     def metrics(store, portions, truths, classes, ious, names):
         table = real(store, portions, truths, classes, ious, names)
-        table.attrs["height"] = 10 * portions[0].params.collection.placement.mounts[0].z
+        table.attrs["height"] = 10 * portions[0].stage.collection.placement.mounts[0].z
         return table
 
-    real = by_generalist.judged_metrics
-    monkeypatch.setattr(by_generalist, "judged_metrics", metrics)
+    real = by_generalist.metrics_of_portions
+    monkeypatch.setattr(by_generalist, "metrics_of_portions", metrics)
     monkeypatch.setattr(by_generalist, "weighted_value", height)
     path = written(tmp_path, search={"constraints": {"distance": 0.8}})
     run_search(path)
@@ -79,7 +79,7 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(tmp_p
     text = (folder / "search.html").read_text()
     assert "On traffic that the search did not see" in text
     sweep = yaml.safe_load((folder / "sweep.yaml").read_text())
-    assert "judge" not in sweep  # it is verified by detectors of its own
+    assert "evaluator" not in sweep  # it is verified by detectors of its own
     assert sweep["mounting_errors"] == {"offset": 0.01, "angle_deg": 0.5}
 
 
@@ -87,13 +87,13 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(tmp_p
 def test_a_rig_is_worth_its_worst_vehicle_in_its_worst_traffic(tmp_path, monkeypatch):
     def metrics(store, portions, truths, classes, ious, names):
         table = real(store, portions, truths, classes, ious, names)
-        collection = portions[0].params.collection
+        collection = portions[0].stage.collection
         assert not collection.errors  # all frames are of one vehicle
-        farther = truths[0].inputs[0].params.recording.scene.folder.name == "more"
+        farther = truths[0].inputs[0].stage.recording.scene.folder.name == "more"
         return table.assign(value=10 * collection.placement.mounts[0].z - 3 * farther)
 
-    real = by_generalist.judged_metrics
-    monkeypatch.setattr(by_generalist, "judged_metrics", metrics)
+    real = by_generalist.metrics_of_portions
+    monkeypatch.setattr(by_generalist, "metrics_of_portions", metrics)
     write_small_log(tmp_path / "more", seed=1)
     logs = {"search": ["trials", "more"], "choice": ["choice"]}
     folders = {key: [str(tmp_path / name) for name in names] for key, names in logs.items()}
@@ -101,7 +101,7 @@ def test_a_rig_is_worth_its_worst_vehicle_in_its_worst_traffic(tmp_path, monkeyp
     settings = {"traffic": traffic, "vehicles": 2, "over": "worst", "trials": 3}
     printed = run_search(written(tmp_path, search=settings))
     said = "the worst over 2 kinds of traffic with 2 vehicles of a rig"
-    assert f"judged by {said}" in " ".join(printed.split())
+    assert f"evaluated by {said}" in " ".join(printed.split())
     assert len(list((tmp_path / "runs/store").glob("pretrain/*"))) == 1
     off = MountingErrors(0.01, math.radians(0.5))
     at_origin = Placement("origin", [Mount(0, 0, 0)], lidar=Lidar.paper())
@@ -169,17 +169,17 @@ def test_the_generalist_is_the_same_in_all_traffic_and_every_rig_is_off_alike(tm
     problem = simulated(tmp_path, traffic={"search": {"scene.density": 40}})
     trained = generalists(problem)
     rigs = {f"judged_{i}": rig for i, rig in enumerate(problem.paper_rigs().values())}
-    judged = judged_rigs(problem, trained, rigs, problem.tests.search)
+    judged = trials_of_rigs(problem, trained, rigs, problem.tests.search)
     (generalist,) = trained.values()
     scenes = [scene for clouds in generalist.inputs for scene in clouds.inputs]
-    assert {scene.params.recording.scene.density for scene in scenes} == {80}
+    assert {scene.stage.recording.scene.density for scene in scenes} == {80}
     shifts = []
     for name, (of_seed,) in judged.items():
         exact = [choice.mount for choice in rigs[name]]
         assert all(trial.evaluate.inputs[0] is generalist for trial in of_seed)
-        clouds = [next(t for t in r.evaluate.inputs if t.stage == "collect") for r in of_seed]
-        assert {t.inputs[0].params.recording.scene.density for t in clouds} == {40}
-        mounts = [t.params.placement.mounts for t in clouds]
+        clouds = [next(t for t in r.evaluate.inputs if t.stage.name == "collect") for r in of_seed]
+        assert {t.inputs[0].stage.recording.scene.density for t in clouds} == {40}
+        mounts = [t.stage.placement.mounts for t in clouds]
         shifts.append([[error(*pair) for pair in zip(own, exact, strict=True)] for own in mounts])
     shifts = np.array(shifts)
     assert np.ptp(shifts, axis=0).max() < 1e-12

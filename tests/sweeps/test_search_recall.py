@@ -11,11 +11,11 @@ from lidarplace.configuration.placement import read_placement
 from lidarplace.recall.detection_curve import DetectionCurve, write_curves
 from lidarplace.recall.surface_cells import SurfaceCells
 from sweeps.search.greedy.certificate import why_none
-from sweeps.search.judgement.robustness import _cases
 from sweeps.search.output.terminal import greedy_warnings
 from sweeps.search.problem.assess import Traffic, assess
-from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.rig import MountedLidar
+from sweeps.search.verification.robustness import _cases
 
 LIDAR = {"beams": 8, "azimuth_steps": 400, "cloud_share": 0.5}
 
@@ -110,7 +110,7 @@ def test_it_is_said_that_greedy_choice_looks_at_lidars_one_by_one(tmp_path, obje
 
 SIZED = {"name": "vlp16", "azimuth_steps": 900, "size_mm": [400, 400, 400]}
 """So large that whoever is behind it misses much."""
-BEHIND = tuple(Choice("sized", "", Mount(x, 0.0, 2.0)) for x in (-0.5, 0.0, 0.5))
+BEHIND = tuple(MountedLidar("sized", "", Mount(x, 0.0, 2.0)) for x in (-0.5, 0.0, 0.5))
 
 
 def test_a_dead_lidar_still_hides_in_recall_and_in_clouds(tmp_path):
@@ -134,7 +134,7 @@ def test_a_dead_lidar_still_hides_in_recall_and_in_clouds(tmp_path):
     failing = list(_cases(BEHIND, problem.file.robustness, 0))[-3:]
     assert [case for case, _ in failing] == [f"LiDAR {n} fails" for n in (1, 2, 3)]
     traffic = Traffic({"Car": None}, objects)
-    found = [assess(rig, problem.question, traffic).values for _, (rig,) in failing]
+    found = [assess(rig, problem.criteria, traffic).values for _, (rig,) in failing]
     assert [own["expected_recall.Car"] for own in found] == pytest.approx(by_hand, rel=1e-12)
     # A generalist gets clouds of the same: the dead LiDAR is part of the placement.
     settings = problem.placement_settings(failing[1][1][0])

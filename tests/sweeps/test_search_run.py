@@ -21,7 +21,7 @@ from sweeps.search.problem.problem import read_problem
 from sweeps.search.trials.study import journal_path
 from tests.forked import GUARD_S, Forked
 from tracking.mlflow.connection import connect
-from tracking.mlflow.page import VIEW_TAG
+from tracking.mlflow.experiment_page import VIEW_TAG
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_tables import BOUND, GREEDY, ROBUSTNESS
 

@@ -12,9 +12,9 @@ from lidarplace import Lidar, Mount
 from lidarplace.mounting.zone import distance
 from lidarplace.rigs.pose import rotation
 from sweeps.configuration.search import SearchSettings
-from sweeps.search.problem.choice import Choice, is_possible, mirrored, ordered, rounded
 from sweeps.search.problem.families import family_params
-from sweeps.search.problem.space import Placed, Space, placed_in, rig_of
+from sweeps.search.problem.rig import MountedLidar, is_possible, mirrored, ordered, rounded
+from sweeps.search.problem.space import Assignment, Space, assign_to_slots, rig_of
 from tests.refused import refused
 
 SHAPE = [[-1, -0.6], [0.5, -0.6], [0.8, 0], [0.5, 0.6], [-1, 0.6]]
@@ -43,8 +43,8 @@ def test_families_are_rigs_of_the_space(seed, number, symmetric):
     models = dict.fromkeys(("a", "b"), Lidar.paper())
     params = family_params(space, models, 24, seed)
     for own in params:
-        known = space.distributions(space.makeup(own))
-        assert own.keys() - space.counts.keys() == known.keys()
+        known = space.distributions(space.counts_per_zone(own))
+        assert own.keys() - space.count_ranges.keys() == known.keys()
         assert all(known[key]._contains(known[key].to_internal_repr(own[key])) for key in known)
     sizes = [len(space.rig(own)) for own in params]
     assert set(sizes) == set(range(1, number + 1))
@@ -79,7 +79,7 @@ def test_all_values_of_parameters_are_rigs_in_the_zones(seed, number, symmetric)
         assert abs(mount.roll) <= math.radians(20) + 1e-4
         assert mount.pitch == 0
     if symmetric:
-        assert rig == ordered(Choice(own.model, own.zone, mirrored(own.mount)) for own in rig)
+        assert rig == ordered(MountedLidar(own.model, own.zone, mirrored(own.mount)) for own in rig)
     assert space.rig(params) == rig
 
 
@@ -96,7 +96,7 @@ def test_parameters_of_a_rig_give_it_back(seed, symmetric, number):
     if symmetric and (len(left) != number // 2 or len(centre) != number % 2):
         return  # a pair on the centre line
     slots = space.slots((number,))
-    placed = list(map(Placed, slots, [*left, *centre]))
+    placed = list(map(Assignment, slots, [*left, *centre]))
     again = space.rig(space.params(placed))
     for one, other in zip(again, rig, strict=True):
         assert (one.model, one.zone) == (other.model, other.zone)
@@ -111,11 +111,13 @@ def test_what_cannot_vary_is_no_parameter():
     assert space.distributions((1,)) == {}
     rig, params = random_rig(space, 0)
     assert params == {}
-    assert rig == (Choice("lidar", "point", Mount(0, 0.1, 2, roll=round(5 * math.pi / 180, 4))),)
+    assert rig == (
+        MountedLidar("lidar", "point", Mount(0, 0.1, 2, roll=round(5 * math.pi / 180, 4))),
+    )
 
 
 def test_rigs_that_differ_in_order_are_one():
-    a, b = Choice("m", "z", Mount(x=1, z=2)), Choice("m", "z", Mount(x=-1, z=2))
+    a, b = MountedLidar("m", "z", Mount(x=1, z=2)), MountedLidar("m", "z", Mount(x=-1, z=2))
     assert ordered([a, b]) == ordered([b, a])
     assert hash(ordered([a, b])) == hash(ordered([b, a]))
     assert str(mirrored(Mount(z=2))) == str(Mount(z=2)), "no negative zeros"
@@ -125,7 +127,7 @@ def test_rigs_that_differ_in_order_are_one():
 
 
 def test_the_number_of_lidars_is_a_parameter_and_fixed_ones_are_in_every_rig():
-    nose = Choice("lidar", "", Mount(x=2.3, z=0.6))
+    nose = MountedLidar("lidar", "", Mount(x=2.3, z=0.6))
     space = space_of(lidars=[2, 3], fixed=[nose])
     rigs = [random_rig(space, seed)[0] for seed in range(20)]
     assert {len(rig) for rig in rigs} == {3, 4}
@@ -174,7 +176,7 @@ def test_zones_have_their_own_numbers_models_and_angles(seed):
     assert all(abs(own.mount.yaw) == pytest.approx(math.pi, abs=1e-4) for own in by_zone["tail"])
     assert space.numbers == (3, 5)
     assert space.rig(params) == rig
-    placed = placed_in(space, [Choice(own.model, "", own.mount) for own in rig])
+    placed = assign_to_slots(space, [MountedLidar(own.model, "", own.mount) for own in rig])
     assert rig_of(placed, space) == rig
     again = space.rig(space.params(placed))
     for one, other in zip(again, rig, strict=True):
@@ -186,8 +188,8 @@ def test_a_heading_is_the_same_after_a_full_turn():
     space = cornered()
     roof = Mount(0, 0.1, 2, pitch=0.05)
     corner = Mount(2.2, 0.8, 0.6, yaw=math.radians(190 - 360))
-    lidars = [Choice("", "", mount) for mount in (roof, corner, mirrored(corner))]
-    placed = placed_in(space, lidars)
+    lidars = [MountedLidar("", "", mount) for mount in (roof, corner, mirrored(corner))]
+    placed = assign_to_slots(space, lidars)
     assert [place.lidar.model for place in placed] == ["spinning", "flash"]
     mounts = {own.mount for own in space.rig(space.params(placed)) if own.zone == "corner"}
     assert {round(math.degrees(mount.yaw)) for mount in mounts} == {-170, 170}
@@ -203,8 +205,8 @@ def test_a_rig_that_the_zones_have_no_room_for_is_refused():
     space = cornered()
     level = [Mount(x, 0.1, 2) for x in (-0.3, 0.0, 0.3)]
     with refused("a LiDAR at"):
-        placed_in(space, [Choice("", "", mount) for mount in level])
+        assign_to_slots(space, [MountedLidar("", "", mount) for mount in level])
     with refused("more or fewer"):
-        placed_in(space, [Choice("", "", level[0])])
+        assign_to_slots(space, [MountedLidar("", "", level[0])])
     with refused("Value error, lidars: "):
         cornered(lidars=4)

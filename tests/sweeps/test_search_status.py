@@ -14,7 +14,7 @@ from sweeps.search.output.state import search_state
 from sweeps.search.problem.assess import Assessment
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.trials.study import journal_path, open_study, quiet, storage_in, tell
-from sweeps.search.trials.traffic import SurrogateAnswers
+from sweeps.search.trials.traffic import SurrogateEvaluator
 from sweeps.store.local import Store
 from sweeps.store.lock import locked
 from sweeps.store.open import reference
@@ -22,7 +22,7 @@ from sweeps.sweep_or_search import is_search, read_either
 from tests.sweeps.toy import call
 
 
-class Answers(SurrogateAnswers):
+class Answers(SurrogateEvaluator):
     """Trial 2 keeps no constraint, trial 3 fails, the others are worth their number."""
 
     asked = ()

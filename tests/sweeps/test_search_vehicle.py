@@ -15,12 +15,12 @@ from lidarplace.recall.detection_curve import default_curves
 from lidarplace.recall.expected_recall import ExpectedRecall
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import read_sweep
-from sweeps.configuration.question import laid_out
+from sweeps.configuration.requirements_file import lay_out_requirements
 from sweeps.plan.plan import make_plan
-from sweeps.search.judgement.verify import read_verification
 from sweeps.search.problem.assess import Traffic, assess
-from sweeps.search.problem.choice import Choice, ordered, placement_of
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.rig import MountedLidar, ordered, placement_of
+from sweeps.search.verification.verify import read_verification
 from tracking.run_folders.search import SearchFolder
 
 LOW, HIGH = [-2.0, -0.9, 0.2], [2.0, 0.9, 2.3]
@@ -79,15 +79,15 @@ def _compare_with_its_verification(folder, problem):
     """The sweep of a search asks the same requirements of the same rig, on the same vehicle."""
     sweep, plan = read_verification(problem)
     (laid,) = plan.laid
-    assert laid.requirement == problem.question.carrier.requirements[0].requirement
-    np.testing.assert_array_equal(laid.boxes, problem.question.carrier.requirements[0].boxes)
+    assert laid.requirement == problem.criteria.carrier.requirements[0].requirement
+    np.testing.assert_array_equal(laid.boxes, problem.criteria.carrier.requirements[0].boxes)
     for trial in plan.trials:
-        check_mounts(trial.surrogates.params.placement, trial.grid_point.vehicle)
+        check_mounts(trial.surrogates.stage.placement, trial.grid_point.vehicle)
         assert trial.requirements is not None
         assert len(trial.grid_point.vehicle.mesh.faces) == 12
     own = next(t for t in plan.trials if t.grid_point.point.placement == "found_1")
     found = SearchFolder.read(folder).search.rigs["found_1"]
-    assert own.requirements.params.placement.mounts == found.placed
+    assert own.requirements.stage.placement.mounts == found.placed
     others = {t.grid_point.point.placement for t in plan.trials} - {"found_1"}
     assert "line" not in others, "its LiDARs are inside of this vehicle"
     (told,) = (c.what for c in SearchFolder.read(folder).search.commands if "sweep.yaml" in c.line)
@@ -102,17 +102,17 @@ def test_keep_outs_hide_what_is_behind_them_in_clouds_and_recall(tmp_path):
     write_small_log(tmp_path / "log")
     log = read_box_log(tmp_path / "log")
     numbers, crop = log.frames["frame"].to_numpy(), (0.0, -20.0, 0.05, 40.0, 20.0, 4.0)
-    rig = ordered([Choice("lidar", "roof", Mount(0.2, 0.5, 2.0))])
+    rig = ordered([MountedLidar("lidar", "roof", Mount(0.2, 0.5, 2.0))])
     counts, points = [], []
     for keep_out in ({}, {"wall": WALL}):
         search = {"objective": "expected_recall.Car", "greedy": None, "keep_out": keep_out}
         lidar = {"beams": 16, "azimuth_steps": 1800}
         problem = read_problem(write_search(tmp_path, search=search, lidar=lidar))
         placement = placement_of(rig, problem.models)
-        params = problem.pog_tasks(problem.sweep())[1].recall.params
+        params = problem.pog_tasks(problem.sweep())[1].recall.stage
         model = ExpectedRecall.from_log(log, params.roi, ["Car"], vehicle=params.vehicle)
         counts.append(model.objects.seen_by([placement])[0].counts())
-        judged = trial_of(problem, rig).collect_test[0].params
+        judged = trial_of(problem, rig).collect_test[0].stage
         clouds = collect(log, numbers, placement, crop, vehicle=judged.vehicle)
         points.append(np.concatenate([clouds[i] for i in range(len(numbers))]))
     y = model.objects.table["y"].to_numpy()
@@ -141,19 +141,19 @@ def test_a_search_of_a_vehicle_that_bends(tmp_path):
     search |= {"requirements": [NEAR], "objective": "price", "greedy": None}
     path = write_search(tmp_path, search=search | {"constraints": {"body_share": 0.9}})
     problem = read_problem(path)
-    bent = problem.question.carrier.vehicle
+    bent = problem.criteria.carrier.vehicle
     assert list(bent.poses) == ["", "trailer at −80°", "trailer at 45°"]
     swept = problem.vehicle.vehicle()
     assert swept.body.angles == bent.body.angles
-    laid = laid_out(problem.file.search.requirements, swept, default_curves())
-    np.testing.assert_array_equal(laid[0].boxes, problem.question.carrier.requirements[0].boxes)
+    laid = lay_out_requirements(problem.file.search.requirements, swept, default_curves())
+    np.testing.assert_array_equal(laid[0].boxes, problem.criteria.carrier.requirements[0].boxes)
     assert swept.poses.keys() == bent.poses.keys()
     np.testing.assert_array_equal(swept.boxes, bent.boxes)
-    roof = Choice("lidar", "roof", Mount(0.0, 0.5, 2.5))
-    behind = Choice("lidar", "side", Mount(-2.3, 2.0, 2.0))
-    found = assess(ordered([roof, behind]), problem.question, Traffic({}, None))
+    roof = MountedLidar("lidar", "roof", Mount(0.0, 0.5, 2.5))
+    behind = MountedLidar("lidar", "side", Mount(-2.3, 2.0, 2.0))
+    found = assess(ordered([roof, behind]), problem.criteria, Traffic({}, None))
     assert found.violations["body"] > 0, "there is the trailer at -80 degrees"
-    assert assess((roof,), problem.question, Traffic({}, None)).violations["body"] <= 0
+    assert assess((roof,), problem.criteria, Traffic({}, None)).violations["body"] <= 0
     zones = {"on": {"x": [-8, -3], "y": 0, "z": [2.6, 2.7]}}
     above = write_search(tmp_path, search=search | {"zones": zones})
     told = run_search(above, codes=(2,)).splitlines()

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from lidarplace.base.metrics import EVERY_IOU
-from sweeps.search.judgement.verify import verified_table
+from sweeps.search.verification.verify import verified_table
 
 Y = {
     "found_1": [72.0, 70.0, 71.0],

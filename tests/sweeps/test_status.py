@@ -89,7 +89,7 @@ def test_the_reason_is_that_of_the_first_task_that_failed(sweep):
     assert {t.detail for t in state.trials} == {f"scene '{scene.label}' failed: no such town"}
     assert all("Traceback …" in Path(t.log).read_text() for t in state.trials)
     finish(store, scene)  # by another sweep that shares the store
-    assert failures.known(rerun=False, there={scene.key}) == {}
+    assert failures.lasting(rerun=False, finished={scene.key}) == {}
     assert {t.status for t in sweep_state(found, plan, store).trials} == {"waiting"}
 
 

@@ -22,16 +22,16 @@ import torch
 from lidarplace import PAPER_PLACEMENTS, Roi
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.rigs.recorded import RecordedRig
+from sweeps.stages.task import Task
 from sweeps.store.local import Note, Store
 from sweeps.store.lock import is_locked, locked
 from sweeps.store.result_folder import DamagedResult, Ran, Record
-from sweeps.tasks.task import Task
 from tests.refused import refused
-from tests.sweeps.toy import Toy, flip_bit, keep_in, result, texts, write
+from tests.sweeps.toy import PogToy, SceneToy, Toy, flip_bit, keep_in, result, texts, write
 
 ROOT = Path(__file__).parents[2]
-TASK = Task("scene", "a", Toy(1))
-OTHER = Task("scene", "b", Toy(2))
+TASK = Task(SceneToy(1), "a")
+OTHER = Task(SceneToy(2), "b")
 FORK = multiprocessing.get_context("fork")
 
 
@@ -56,13 +56,13 @@ def value(n=3, **more):
 
 @pytest.fixture
 def store(tmp_path, monkeypatch):
-    keep_in(monkeypatch, TASK.stage, Kept)
+    keep_in(monkeypatch, type(TASK.stage), Kept)
     return Store(tmp_path / "store")
 
 
 def names(store):
     """All that lies beside the results."""
-    folder = store.folder / TASK.stage
+    folder = store.folder / TASK.stage.name
     return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
 
 
@@ -86,7 +86,7 @@ def test_what_was_saved_is_loaded(store):
 
 
 def test_a_log_is_loaded_with_its_rigs(store, monkeypatch):
-    keep_in(monkeypatch, TASK.stage, BoxLog)
+    keep_in(monkeypatch, type(TASK.stage), BoxLog)
     rig = RecordedRig(("a", "b", "c", "d"), PAPER_PLACEMENTS["line"])
     log = BoxLog(pd.DataFrame({"frame": [1]}), pd.DataFrame({"frame": [1]}), rigs={"town": rig})
     store.save(TASK, log, seconds=0.0)
@@ -126,11 +126,11 @@ def listed(monkeypatch):
 
 
 def test_a_stage_is_listed_once_for_all_its_tasks(store, listed):
-    tasks = [Task("scene", str(n), Toy(n)) for n in range(50)]
+    tasks = [Task(SceneToy(n), str(n)) for n in range(50)]
     for task in tasks[:3]:
         store.save(task, Toy(1), seconds=0.0)
     listed.clear()
-    assert store.finished([*tasks, Task("pog", "p", Toy())]) == {task.key for task in tasks[:3]}
+    assert store.finished([*tasks, Task(PogToy(), "p")]) == {task.key for task in tasks[:3]}
     assert len(listed) == 2
 
 
@@ -277,7 +277,7 @@ def test_a_damaged_result_that_cannot_be_removed_is_told(store, monkeypatch):
         store.load(TASK)
 
 
-MANY = [Task("scene", str(n), Toy(n)) for n in range(15)]
+MANY = [Task(SceneToy(n), str(n)) for n in range(15)]
 
 
 def save_all(folder, writer, gate):
@@ -369,7 +369,7 @@ def test_a_full_disk_while_checkpoints_are_taken_over_leaves_nothing(store, monk
 
 
 def test_a_note_tells_that_a_task_runs(store):
-    other = Task("pog", "b", Toy())
+    other = Task(PogToy(), "b")
     with suppress(KeyError), store.running(TASK, Note("n1", 7)):
         assert store.running_notes([TASK, other]) == {TASK.key: Note("n1", 7)}
         raise KeyError
@@ -387,12 +387,12 @@ def test_a_note_that_is_not_whole_is_left_out(store, text):
 
 
 def test_a_driver_ends_what_a_killed_one_ran(store, listed):
-    tasks = [Task("scene", str(n), Toy(n)) for n in range(20)]
+    tasks = [Task(SceneToy(n), str(n)) for n in range(20)]
     lost = [store.running(task, Note()) for task in tasks[:3]]
     for block in lost:
         block.__enter__()  # and never left
     listed.clear()
-    store.end_running(iter([*tasks[1:], Task("pog", "p", Toy())]))
+    store.end_running(iter([*tasks[1:], Task(PogToy(), "p")]))
     assert len(listed) == 2
     assert store.running_notes(tasks) == {tasks[0].key: Note()}
 

@@ -12,7 +12,6 @@ from lidarplace import PAPER_PLACEMENTS
 from sweeps.commands import requirements as verb
 from sweeps.commands import run
 from sweeps.plan.plan import read_plan
-from sweeps.tasks.stages import requirements
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import SMALL, write_sweep
 from tests.sweeps.toy import call
@@ -101,7 +100,7 @@ def test_axes_of_lidar_and_weather_have_verdicts_of_their_own():
     content = SWEEP | {"requirements": NEEDS[1:2], "grid": {"placement": ["line"], **axes}}
     values = {}
     for trial in read_plan(write_sweep(Path(), "axes.yaml", **content))[1].trials:
-        (value,) = requirements(trial.requirements.params).table["value"]
+        (value,) = trial.requirements.stage.run().table["value"]
         values[tuple(trial.grid_point.axes[axis] for axis in axes)] = value
     assert len(values) == 4
     assert values[3.0, 4.0] < values[60.0, 1000.0]

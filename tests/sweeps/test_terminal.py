@@ -16,11 +16,11 @@ from sweeps.commands.doctor import _print as print_findings
 from sweeps.commands.status import print_state
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress
-from sweeps.results.dry_run import Planned, print_planned
+from sweeps.results.dry_run import DryRun, print_dry_run
 from sweeps.results.state import SweepState, TrialState
+from sweeps.stages.task import Task
 from sweeps.store.local import Store
-from sweeps.tasks.task import Task
-from tests.sweeps.toy import Toy
+from tests.sweeps.toy import TrainingToy
 
 ROOT = Path(__file__).parents[2]
 NAMES = ["a[/x]", "roof[left]", "[bold]b[/bold]", ":smile:", r"c\[d]", "[/]"]
@@ -105,14 +105,14 @@ def test_the_plan_of_a_sweep():
     scenes = [{"scene": OBEYED, "train_frames": 1, "test_frames": 1}]
     stages = {"train": {"tasks": 6, "cached": 0}}
     asked = [{"requirement": name, "measure": "points"} for name in NAMES]
-    plan = Planned(OBEYED, stages, [], scenes, trials, asked, [], 0, [OBEYED])
-    assert_shown(printed(print_planned, plan))
+    plan = DryRun(OBEYED, stages, [], scenes, trials, asked, [], 0, [OBEYED])
+    assert_shown(printed(print_dry_run, plan))
 
 
 @pytest.mark.parametrize("terminal", [False, True])
 def test_the_progress_of_a_sweep(terminal, tmp_path):
     store = Store(tmp_path)
-    tasks = [Task("finetune", name, Toy()) for name in [*NAMES, OBEYED]]
+    tasks = [Task(TrainingToy(), name) for name in [*NAMES, OBEYED]]
 
     def run(console):
         with StageProgress(console, tasks, store) as progress:

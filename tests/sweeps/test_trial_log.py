@@ -34,13 +34,13 @@ def finish(store, *tasks):
 def planned(tmp_path, **keys):
     """A plan, its store, and a function that makes its log; `keys` of the configuration."""
     grid = {"placement": ["line", "center", "square"]}
-    plan = make_plan(read_sweep(write_sweep(tmp_path, grid=grid, **keys)))
-    store = Store(tmp_path / "store")
+    sweep = read_sweep(write_sweep(tmp_path, grid=grid, **keys))
+    plan, store = make_plan(sweep), Store(tmp_path / "store")
 
     def listener():
-        own = {"trials": plan.trials, "axes": (), "there": store.finished(plan.tasks)}
-        shown = (Terminal(file=StringIO()), (), store, FailureFolder(tmp_path / "failed"))
-        return TrialLog(*shown, **own, pictures=tmp_path / "pictures")
+        console, failures = Terminal(file=StringIO()), FailureFolder(tmp_path / "failed")
+        cached, pictures = store.finished(plan.tasks), tmp_path / "pictures"
+        return TrialLog(console, sweep, plan, store, failures, cached, pictures)
 
     return plan, store, listener
 

@@ -15,14 +15,16 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import read_plan
 from sweeps.results.failure_frames import failure_frames
 from sweeps.results.run_folder import _once
+from sweeps.stages.collect import CollectStage
+from sweeps.stages.recall import RecallStage
+from sweeps.stages.requirements import RequirementsStage
+from sweeps.stages.surrogates import SurrogatesStage
 from sweeps.store.open import store_of
-from sweeps.tasks import parameters
 from tests.sweeps.toy import call, ran
 from tracking.findings.failures import failures
 from tracking.findings.groups import groups
-from tracking.run_folders import sweep_tables
 from tracking.run_folders.sweep import RunFolder
-from tracking.run_folders.sweep_tables import TABLES
+from tracking.run_folders.sweep_tables import INDIVIDUALS, POINTS, REQUIREMENTS, SURROGATES, TABLES
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -54,19 +56,15 @@ def test_tables_have_the_columns_that_their_models_tell(folder):
 @pytest.mark.parametrize(
     ("table", "stages"),
     [
-        (sweep_tables.POINTS, [parameters.CollectParams]),
-        (sweep_tables.SURROGATES, [parameters.SurrogateParams, parameters.RecallParams]),
-        (sweep_tables.REQUIREMENTS, [parameters.RequirementsParams]),
+        (POINTS, [CollectStage]),
+        (SURROGATES, [SurrogatesStage, RecallStage]),
+        (REQUIREMENTS, [RequirementsStage]),
     ],
     ids=lambda value: getattr(value, "name", ""),
 )
 def test_rows_of_settings_that_differ_are_told_apart(table, stages):
     """Of all keys that decide what a row says, the axes are columns; or rows were there twice."""
-    keys = {
-        key.partition(".")[0]
-        for stage in stages
-        for key in parameters.keys_of(object.__new__(stage))
-    }
+    keys = {key.partition(".")[0] for stage in stages for key in stage.config_keys()}
     assert keys - {"placement", "classes"} <= set(table.axes)
 
 
@@ -74,8 +72,10 @@ def test_rows_that_trials_share_in_part_are_there_once():
     """A detector from a file has the test frames alone, one that is trained the others, too."""
     tested, trained = SimpleNamespace(key="test"), SimpleNamespace(key="train")
     rows = pd.DataFrame({"split": ["test", "train"], "object_id": [1, 2]})
-    found = [(None, [tested], lambda: rows[:1]), (None, [tested, trained], lambda: rows)]
-    pd.testing.assert_frame_equal(_once(sweep_tables.INDIVIDUALS, (), found), rows)
+    point = SimpleNamespace(placement="line", detector_name="second", seed=0)
+    trial = SimpleNamespace(key="a", grid_point=SimpleNamespace(point=point, axes={}))
+    found = [(trial, [tested], lambda: rows[:1]), (trial, [tested, trained], lambda: rows)]
+    pd.testing.assert_frame_equal(_once(INDIVIDUALS, (), found), rows)
 
 
 def test_individuals_of_both_splits_are_counted_once(folder):
@@ -160,7 +160,7 @@ def test_the_command_compares_two_rigs(folder, tmp_path):
     [
         (["--rigs", "line"], "--rigs line: expected two placements, such as center,line"),
         (["--rigs", "line,middle"], "has no placement middle; expected center, line"),
-        (["--where", "judge=me"], "--where judge=me: "),
+        (["--where", "evaluator=me"], "--where evaluator=me: "),
     ],
 )
 def test_a_mistake_is_one_line(folder, words, said):

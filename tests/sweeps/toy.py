@@ -1,4 +1,4 @@
-"""Parameters and results of tasks whose stages a test replaces, listeners, and checkpoints."""
+"""Small stages and their results, listeners, and checkpoints."""
 
 from dataclasses import dataclass, make_dataclass
 from typing import Any
@@ -6,12 +6,46 @@ from typing import Any
 from typer.testing import CliRunner
 
 from lidarplace.files.atomic import replacing
-from sweeps.tasks.stages import FUNCTIONS
+from sweeps.stages.stage import Stage
 
 
 @dataclass(frozen=True)
 class Toy:
     n: Any = None
+
+
+@dataclass(frozen=True)
+class SceneToy(Stage[Toy]):
+    """Adds the numbers of its inputs."""
+
+    n: Any = None
+
+    name = "scene"
+    order = 70
+
+    def run(self, *inputs) -> Toy:
+        return Toy(self.n + sum(number.n for number in inputs))
+
+
+class CollectToy(SceneToy):
+    name = "collect"
+    order = 50
+
+
+class PogToy(SceneToy):
+    name = "pog"
+    order = 80
+
+
+class EvaluateToy(SceneToy):
+    name = "evaluate"
+    order = 20
+
+
+class TrainingToy(SceneToy):
+    name = "finetune"
+    order = 30
+    resumable = True
 
 
 def call(app, *words, code=0, **how):
@@ -44,10 +78,7 @@ def result(**fields):
 
 def keep_in(patch, stage, kind):
     """A store reads results of the stage as those of a class."""
-
-    def function(params, *inputs) -> kind: ...
-
-    patch.setitem(FUNCTIONS, stage, function)
+    patch.setattr(stage, "result", classmethod(lambda cls: kind))
 
 
 def flip_bit(path, place):

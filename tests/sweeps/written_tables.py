@@ -4,10 +4,10 @@ import re
 
 import pandas as pd
 
-from tracking.run_folders.table import Table
+from tracking.run_folders.table_schema import TableSchema
 
 
-def check_columns(frame: pd.DataFrame, table: Table) -> None:
+def check_columns(frame: pd.DataFrame, table: TableSchema) -> None:
     """Those of the model in its order and of its types; axes of the grid may stand among them."""
     fixed = [column for column in table.columns if not re.search("[A-Z]", column.name)]
     names = [column.name for column in fixed]

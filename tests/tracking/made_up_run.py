@@ -40,7 +40,7 @@ def write_run(
     detectors: Sequence[str] = ("pointpillars_tiny",),
     densities: Sequence[int] = (),
     trainings: Sequence[tuple[int, float]] = (),
-    judges: Sequence[str] = (),
+    evaluators: Sequence[str] = (),
     clouds: Sequence[str] = (),
     roi: dict[str, object] = ROI,
     points: int = 300,
@@ -50,7 +50,7 @@ def write_run(
     """Write a run folder with `names` as placements.
 
     `densities` adds an axis "scene.density", `trainings` those of epochs and share of the frames,
-    `judges` who judges the placements: a generalist 20 points above specialists, half as far apart.
+    `evaluators` of the placements: a generalist 20 points above specialists, half as far apart.
     `clouds` those of an axis over recorded and simulated ones.
     With `enough` there are enough individuals and epochs for a headline.
     Without `detectors` it is a sweep of surrogates alone: no results, no frame, maps of some.
@@ -60,7 +60,7 @@ def write_run(
     scenes = [{"scene.density": density} for density in densities] or [{}]
     scenes = [scene | {"scene.clouds": kind} for scene in scenes for kind in clouds] or scenes
     lengths = [dict(zip(COST_AXES, training, strict=True)) for training in trainings] or [{}]
-    asked = [{"judge": judge} for judge in judges] or [{}]
+    asked = [{"evaluator": name} for name in evaluators] or [{}]
     settings = [scene | length | one for scene in scenes for length in lengths for one in asked]
     quality = dict(zip(names, rng.permutation(len(names)) / len(names), strict=True))
 
@@ -69,7 +69,7 @@ def write_run(
     for detector, setting, name, number in product(detectors, settings, names, seeds):
         common = {"trial": f"t{len(trials):03d}", "placement": name, "detector": detector}
         common |= {"seed": number, **setting}
-        seconds = (60 + 20 * rng.random()) / (20 if setting.get("judge") == "generalist" else 1)
+        seconds = (60 + 20 * rng.random()) / (20 if setting.get("evaluator") == "generalist" else 1)
         trials.append({**common, "seconds": seconds, **ended})
         results += _results(rng, common, setting, quality[name])
         curves += _curve(rng, str(common["trial"]), setting, enough)
@@ -118,12 +118,12 @@ def write_run(
 def _results(rng, common, setting, quality):
     rows = []
     for name, ious in IOUS.items():
-        recall = "class_recall_3D" if "judge" in setting else "recall"
+        recall = "class_recall_3D" if "evaluator" in setting else "recall"
         metrics = ("recall",) if name == "all" else ("AP_R40_3D", "AP_R40_BEV", recall)
         for metric, iou in product(metrics, ious):
             value = 90 - 60 * iou + 15 * quality + rng.normal()
             value -= 10 / setting.get("training.epochs", np.inf)
-            if setting.get("judge") == "generalist":
+            if setting.get("evaluator") == "generalist":
                 value = 20 + 90 - 60 * iou + 15 * (0.5 + quality) / 2 + 0.1 * rng.normal()
             known = name != "Cyclist"
             row = {**common, "class": name, "metric": metric, "iou": iou, "difficulty": "all"}
@@ -256,7 +256,7 @@ def _sampling_error(rng, quality, settings):
 def _tasks(trials):
     """Tasks of two workers, 10 ms beyond the work of each."""
     first = [("scene", "town01", "a", 31.0, True), ("pog", "Car", "b", 4.0, False)]
-    if any(trial.get("judge") == "generalist" for trial in trials):
+    if any(trial.get("evaluator") == "generalist" for trial in trials):
         first.append(("pretrain", "generalist", "c", 250.0, False))
     columns = ("stage", "label", "key", "seconds", "cached")
     rows = [dict(zip(columns, row, strict=True)) for row in first]

@@ -6,7 +6,7 @@ import pytest
 from result_tables import tables
 from scipy import stats
 
-from tracking.findings.ceiling import beside, ceiling, ceilings
+from tracking.findings.ceiling import ceiling, ceilings, with_ceilings
 from tracking.findings.correlation import correlate
 from tracking.statistics.reliability import Noise, reliability, seed_mean
 
@@ -102,7 +102,7 @@ def test_the_whole_ceiling_has_seeds_and_objects():
     (one,) = ceilings(results[results["seed"] == 0], left_out).to_dict("records")
     assert np.isnan(one["ceiling_by_seeds"])
     assert one["ceiling"] == one["ceiling_by_objects"]
-    table = beside(correlate(results, surrogates), ceilings(results, left_out))
+    table = with_ceilings(correlate(results, surrogates), ceilings(results, left_out))
     assert table["ceiling"].tolist() == [both["ceiling"]]
 
 

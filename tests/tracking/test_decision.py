@@ -240,4 +240,4 @@ def test_settings_that_disagree_are_the_headline(two_densities):
 
 
 def answers(folder: Path) -> list[BestPlacement]:
-    return [own.best for own in Analysis.of(RunFolder.read(folder)).recommended]
+    return [own.best for own in Analysis(RunFolder.read(folder)).recommended]

@@ -40,7 +40,7 @@ def sections_of(run: Path, **keys) -> list[Section]:
     found = Analysis(whole)
     best = found.recommended[0]
     sections = [make(found) for make in (rigs_section, coverage_section, clouds_section)]
-    return [*sections, decision_rigs_section(whole, best)]
+    return [*sections, decision_rigs_section(best)]
 
 
 def extents(sections: list[Section], kind: str, axes: str) -> set[tuple[float, ...]]:

@@ -76,13 +76,13 @@ WEAK = {
 def test_enough_evidence_has_no_weakness(run):
     (group,) = groups(run)
     assert evidence.weaknesses(run, group) == []
-    said = Analysis.of(run).answer
+    said = Analysis(run).answer
     assert (said.grade, said.command, said.enough) == ("Recommended", "", True)
-    assert "likely to be the best" in said.sure
+    assert "likely to be the best" in said.certainty
 
 
 def test_of_equal_rigs_none_is_ahead(run):
-    best = Analysis.of(run).answer.best
+    best = Analysis(run).answer.best
     other = "a" if best != "a" else "b"
 
     def twins(table):
@@ -90,7 +90,7 @@ def test_of_equal_rigs_none_is_ahead(run):
         return pd.concat([table[table["placement"] != other], of_best.assign(placement=other)])
 
     equal = replace(run, results=twins(run.results), left_out=twins(run.left_out))
-    said = Analysis.of(equal).answer
+    said = Analysis(equal).answer
     assert said.grade == "No rig is ahead of these"
     assert set(said.best.split(", ")) == {best, other}
 
@@ -98,11 +98,11 @@ def test_of_equal_rigs_none_is_ahead(run):
 @pytest.mark.parametrize("kind", WEAK)
 def test_each_weakness_takes_the_headline_back_and_names_what_to_run(run, kind):
     change, value, clause, wanted = WEAK[kind]
-    said = Analysis.of(change(run, value)).answer
+    said = Analysis(change(run, value)).answer
     assert said.grade == "Not enough evidence to recommend a rig"
-    assert said.sure.startswith(f"Not enough evidence: {clause}")
-    assert "likely" not in " ".join([said.sure, *said.leads])
-    assert all("likely" not in other.sure for other in said.beside if other.weaknesses)
+    assert said.certainty.startswith(f"Not enough evidence: {clause}")
+    assert "likely" not in " ".join([said.certainty, *said.leads])
+    assert all("likely" not in other.certainty for other in said.other_classes if other.weaknesses)
     assert said.command.startswith(f"{run.sweep.command} --set ")
     pairs = [word for word in shlex.split(said.command) if "=" in word]
     assert any(pair.startswith(wanted) for pair in pairs)
@@ -116,19 +116,19 @@ LIMITS += [(individuals, evidence.LEAST_INDIVIDUALS, evidence.LEAST_INDIVIDUALS 
 
 @pytest.mark.parametrize(("change", "enough", "few"), LIMITS)
 def test_the_limits_are_the_named_ones(run, change, enough, few):
-    assert Analysis.of(change(run, enough)).answer.enough
-    assert not Analysis.of(change(run, few)).answer.enough
+    assert Analysis(change(run, enough)).answer.enough
+    assert not Analysis(change(run, few)).answer.enough
 
 
 def test_the_two_that_weigh_most_are_named_and_all_are_listed_and_removed(run):
     weak = short(individuals(routes(seeds(run, 2), 2), 20), 0.4)  # 1.5, 2, 2.5 and 8 times short
-    said = Analysis.of(weak).answer
-    assert said.sure == (
+    said = Analysis(weak).answer
+    assert said.certainty == (
         "Not enough evidence: a short training (the last epoch still lowered the loss by 40 %) and "
         "only 40 individuals in the test frames (at least 100)."
     )
     assert all(key in said.command for key in ("grid.seed", "test_routes", "training.epochs"))
-    listed = cautions(weak)
+    listed = cautions(Analysis(weak))
     for part in ("Training was short", "Car: ", "Fewer than 4 test routes", "Two seeds"):
         assert any(text.startswith(part) for text in listed), part
 
@@ -143,23 +143,24 @@ def test_a_remedy_sets_an_axis_where_the_key_is_one_and_nothing_for_a_log(run):
     assert evidence.remedy("run", []) == ""
 
 
-def test_a_command_without_a_seed_is_not_given_seeds(run):
-    judge = "{command: 'detect {train} {test}'}"
-    for config in (f"judge: {judge}", f"grid: {{judge: [specialist, {judge}]}}"):
-        few = replace(seeds(run, 1), config=config)
-        said = Analysis.of(few).answer
-        assert "grid.seed" not in said.command
-        assert any("{seed}" in text for text in cautions(few))
+@pytest.mark.parametrize(("evaluator", "seeded"), [("command", False), ("specialist", True)])
+def test_only_a_command_without_a_seed_is_not_given_seeds(run, evaluator, seeded):
+    command = "{command: 'detect {train} {test}'}"
+    sweep = run.sweep.model_copy(update={"evaluator": evaluator})
+    for config in (f"evaluator: {command}", f"grid: {{evaluator: [specialist, {command}]}}"):
+        few = Analysis(replace(seeds(run, 1), config=config, sweep=sweep))
+        assert ("grid.seed" in few.answer.command) == seeded
+        assert any("{seed}" in text for text in cautions(few)) != seeded
 
 
 def test_a_sweep_without_results_has_no_headline(run):
-    assert Analysis.of(replace(run, results=run.results[:0])).headline == []
-    assert Analysis.of(replace(run, results=run.results.assign(value=np.nan))).headline == []
+    assert Analysis(replace(run, results=run.results[:0])).headline == []
+    assert Analysis(replace(run, results=run.results.assign(value=np.nan))).headline == []
 
 
 def test_no_left_out_table_is_a_weakness(run):
-    said = Analysis.of(replace(run, left_out=None)).answer
-    assert said.sure.startswith("Not enough evidence: intervals over seeds alone")
+    said = Analysis(replace(run, left_out=None)).answer
+    assert said.certainty.startswith("Not enough evidence: intervals over seeds alone")
 
 
 def test_generalists_are_seeds(run):
@@ -187,7 +188,7 @@ def test_no_page_is_surer_than_the_weakest_link(run, tmp_path):
         assert "be the best" not in json.dumps(page.figures[0])
         assert "Recommended" not in first
         assert "--set 'grid.seed=[1,2,3]'" in first
-    terminal = Analysis.of(RunFolder.read(folder)).headline
+    terminal = Analysis(RunFolder.read(folder)).headline
     assert terminal[0].startswith("Not enough evidence to recommend a rig: ")
     assert terminal[-2].startswith("Not enough evidence: a short training")
     assert terminal[-1].startswith("For more evidence, run: lidarplace run ")

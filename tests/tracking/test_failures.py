@@ -145,7 +145,7 @@ def folder(made_up_run, tmp_path_factory) -> Path:
     """A report with frames of the rigs that it compares."""
     folder = tmp_path_factory.mktemp("failures") / "grid"
     shutil.copytree(made_up_run, folder)
-    compared = Analysis.of(RunFolder.read(folder)).pair
+    compared = Analysis(RunFolder.read(folder)).pair
     assert compared is not None
     shown = compared.objects["object"].iloc[compared.telling(4)].tolist()
     objects = pd.read_parquet(folder / "objects.parquet").to_dict("records")
@@ -176,13 +176,13 @@ def test_the_page_shows_each_frame_under_both_rigs(folder):
     assert surface["type"] == "mesh3d"
     heights = np.frombuffer(b64decode(surface["z"]["bdata"]), np.float32)
     assert heights.tolist() == [z for _, _, z in SURFACE["vertices"]]
-    compared = Analysis.of(RunFolder.read(folder)).pair
+    compared = Analysis(RunFolder.read(folder)).pair
     assert page.tags.count("button") == 4 + 2
     assert all(f"{rig} finds it" in page.text for rig in compared.rigs)
 
 
 def test_report_and_decision_say_the_same_and_lead_to_the_frames(folder):
-    compared = Analysis.of(RunFolder.read(folder)).pair
+    compared = Analysis(RunFolder.read(folder)).pair
     counts = pd.read_csv(folder / "tables" / "failures.csv")
     first, second = compared.rigs
     said = f"{first} finds {counts.iloc[0][f'{first} alone']:,.0f} that {second} misses"

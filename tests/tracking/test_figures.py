@@ -8,8 +8,17 @@ import pandas as pd
 import pytest
 
 from lidarplace.base.roi import Roi
-from tracking.figures.kit import style
 from tracking.figures.kit.named_points import add_placements, label_places
+from tracking.figures.kit.style import (
+    COLOURS,
+    SYMBOLS,
+    colour,
+    figure,
+    legend_below,
+    lidar_colour,
+    symbol,
+    theme,
+)
 from tracking.figures.kit.vehicle_lines import pog_from_above
 from tracking.findings.surrogate_accuracy import relative_errors, summarise
 from tracking.pages.section import figure_title
@@ -48,7 +57,7 @@ def test_clouds_are_thinned_inside_the_roi_and_seeded(run):
     scale = cloud.marker.colorscale
     at = (2 - cloud.marker.cmin) / (cloud.marker.cmax - cloud.marker.cmin)
     ends = [shade for (low, shade), (high, _) in pairwise(scale) if low < at < high]
-    assert ends == [style.lidar_colour(2)]
+    assert ends == [lidar_colour(2)]
     again = point_clouds(run, frame, ["line", "center"])
     assert np.array_equal(again.data[0].x, plot.data[0].x)
     (car,) = (trace for trace in plot.data if trace.name == "Car")
@@ -87,16 +96,16 @@ def test_a_label_keeps_off_the_bar_of_its_neighbour():
 @pytest.mark.parametrize(("count", "mode"), [(20, "markers+text"), (21, "markers")])
 def test_points_are_labelled_while_there_are_few(count, mode):
     names, at = [f"p{i}" for i in range(count)], np.arange(float(count))
-    plot = style.figure("Car", 400)
+    plot = figure("Car", 400)
     add_placements(plot, at, at, at, names, names)
     assert plot.data[0].mode == mode
     assert plot.data[0].text == tuple(names), "a pointer shows it"
 
 
 def test_series_differ_by_their_markers_too():
-    count = len(style.COLOURS) * len(style.SYMBOLS)
-    assert len({(style.colour(i), style.symbol(i)) for i in range(count)}) == count
-    assert len({style.symbol(i) for i in range(8)}) == 8
+    count = len(COLOURS) * len(SYMBOLS)
+    assert len({(colour(i), symbol(i)) for i in range(count)}) == count
+    assert len({symbol(i) for i in range(8)}) == 8
 
 
 def linear_rgb(colours):
@@ -123,15 +132,15 @@ def test_the_lidars_of_a_rig_differ_for_every_eye():
             distances += [np.linalg.norm(a - b) for a, b in combinations(lab, 2)]
         return min(distances)
 
-    assert least([style.lidar_colour(i) for i in range(4)]) > 22
+    assert least([lidar_colour(i) for i in range(4)]) > 22
     # The plain order has two greys among the first four.
-    assert least([style.colour(i) for i in range(4)]) < 20
-    assert len({style.lidar_colour(i) for i in range(len(style.COLOURS))}) == len(style.COLOURS)
+    assert least([colour(i) for i in range(4)]) < 20
+    assert len({lidar_colour(i) for i in range(len(COLOURS))}) == len(COLOURS)
 
 
 def test_a_long_title_is_broken_and_its_figure_grows():
     name = "Car · " + "second_tiny, density = 40, " * 4
-    short, long = style.figure("Car", 400), style.figure(name, 400)
+    short, long = figure("Car", 400), figure(name, 400)
     lines = long.layout.title.text.split("<br />")
     assert max(map(len, lines)) <= 50
     assert len(lines) == 3
@@ -145,12 +154,12 @@ def test_a_long_title_is_broken_and_its_figure_grows():
     ("name", "rows"), [("line", 3), ("pyramid_pitch", 5), ("second_tiny, density = 40", 5)]
 )
 def test_a_legend_has_room_for_its_names(name, rows):
-    plot = style.figure("Car", 400)
+    plot = figure("Car", 400)
     for i in range(5):
         plot.add_scatter(x=[i], y=[i], name=name)
     plot.add_scatter(x=[0], y=[0], name="no entry", showlegend=False)
     plot.add_scatter(x=[0], y=[0], name="chosen by the menu", visible=False)
-    style.legend_below(plot)
+    legend_below(plot)
     assert plot.layout.height == 400 + 20 * rows
     # All of the room is below the legend's upper edge.
     assert plot.layout.legend.y * plot.layout.height >= 20 * rows
@@ -158,11 +167,11 @@ def test_a_legend_has_room_for_its_names(name, rows):
 
 def test_a_legend_has_room_for_groups_and_for_a_title_of_two_lines():
     """Plotly gives a group a row of its own: a phone cut the last of them."""
-    plot = style.figure("Car", 400)
+    plot = figure("Car", 400)
     plot.update_xaxes(title="objects: ← line alone<br>center alone →")
     for i in range(3):
         plot.add_scatter(x=[i], y=[i], name="line", legendgroup="chance" if i == 1 else None)
-    style.legend_below(plot)
+    legend_below(plot)
     assert plot.layout.height == 400 + 20 * 3 + 18
     assert plot.layout.margin.b == 56 + 20 * 3 + 18
     assert plot.layout.legend.tracegroupgap == 0
@@ -170,6 +179,6 @@ def test_a_legend_has_room_for_groups_and_for_a_title_of_two_lines():
 
 def test_both_themes_can_be_read():
     for dark, page in ((False, "#ffffff"), (True, "#15181c")):
-        ink = style.theme(dark)["layout"]["font"]["color"]
+        ink = theme(dark)["layout"]["font"]["color"]
         low, high = np.sort(linear_rgb([ink, page]) @ [0.2126, 0.7152, 0.0722])
         assert (high + 0.05) / (low + 0.05) > 7

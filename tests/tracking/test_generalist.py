@@ -9,9 +9,15 @@ import pytest
 from made_up_run import report_of, write_run
 from scipy import stats
 
-from tracking.findings import generalist
-from tracking.findings.ceiling import beside, ceilings
+from tracking.findings.ceiling import ceilings, with_ceilings
 from tracking.findings.correlation import correlate
+from tracking.findings.generalist import (
+    calibration,
+    compare,
+    judgements,
+    seconds_a_placement,
+    with_judgements,
+)
 from tracking.findings.groups import groups
 from tracking.findings.summary import seed_means
 from tracking.report.headline import headline_ranking
@@ -23,49 +29,49 @@ NAMES = tuple(f"p{i}" for i in range(6))
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> RunFolder:
     folder = tmp_path_factory.mktemp("generalist") / "run"
-    judges = ("generalist", "specialist", "finetuned")
+    evaluators = ("generalist", "specialist", "finetuned")
     detectors = ("second", "pointpillars")
-    return RunFolder.read(write_run(folder, NAMES, detectors=detectors, judges=judges))
+    return RunFolder.read(write_run(folder, NAMES, detectors=detectors, evaluators=evaluators))
 
 
 def test_candidates_are_the_generalist_s_means_of_the_same_detector(run):
-    table = generalist.judgements(run)
+    table = judgements(run)
     one = table[(table["class"] == "Car") & (table["surrogate"] == "generalist's 3D AP")]
-    same = "`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7 and judge == 'generalist'"
+    same = "`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7 and evaluator == 'generalist'"
     expected = run.results.query(same).groupby(["detector", "placement"])["value"].mean()
-    for judge in ("specialist", "finetuned"):
-        own = one[one["judge"] == judge].set_index(["detector", "placement"])["value"]
+    for evaluator in ("specialist", "finetuned"):
+        own = one[one["evaluator"] == evaluator].set_index(["detector", "placement"])["value"]
         pd.testing.assert_series_equal(own.sort_index(), expected.sort_index())
-    assert set(one["judge"]) == {"specialist", "finetuned"}
+    assert set(one["evaluator"]) == {"specialist", "finetuned"}
 
 
 def test_no_candidates_without_others(run, made_up_run):
-    alone = run.results["judge"] == "generalist"
+    alone = run.results["evaluator"] == "generalist"
     for part in (alone, ~alone):
-        assert generalist.judgements(RunFolder(**vars(run) | {"results": run.results[part]})).empty
+        assert judgements(RunFolder(**vars(run) | {"results": run.results[part]})).empty
     plain = RunFolder.read(made_up_run)
-    assert generalist.with_judgements(plain) is plain.surrogates
+    assert with_judgements(plain) is plain.surrogates
 
 
 def test_comparison_by_hand(run):
-    surrogates = generalist.with_judgements(run)
+    surrogates = with_judgements(run)
     means = seed_means(run.results, run.axes, run.left_out)
     found = ceilings(run.results, run.left_out, run.axes)
-    table = beside(correlate(run.results, surrogates, run.axes), found, run.axes)
-    rows = generalist.compare(run, means, table)
-    # 2 detectors, 2 other judges; 3D AP and recall of two classes with objects, recall of all.
+    table = with_ceilings(correlate(run.results, surrogates, run.axes), found, run.axes)
+    rows = compare(run, means, table)
+    # 2 detectors, 2 other evaluators; 3D AP and recall of two classes with objects, recall of all.
     assert len(rows) == 2 * 2 * 5
     of_car = "`class` == 'Car' and metric == 'AP_R40_3D' and detector == 'second'"
-    row = rows.query(f"{of_car} and judge == 'specialist'").iloc[0]
+    row = rows.query(f"{of_car} and evaluator == 'specialist'").iloc[0]
     own = run.results.query(f"{of_car} and iou == 0.7")
-    values = own.groupby(["judge", "placement"])["value"].mean()
+    values = own.groupby(["evaluator", "placement"])["value"].mean()
     said, own = values["generalist"], values["specialist"][values["generalist"].index]
     assert row["spearman"] == pytest.approx(stats.spearmanr(said, own).statistic)
     test = stats.ttest_1samp(said - own, 0).confidence_interval()
     expected = [(said - own).mean(), test.low, test.high]
     assert row[["bias", "bias_low", "bias_high"]].tolist() == pytest.approx(expected)
     assert row["slope"] == pytest.approx(np.polyfit(said, own, 1)[0])
-    by_seeds = found.query(f"{of_car} and iou == 0.7 and judge == 'specialist'")
+    by_seeds = found.query(f"{of_car} and iou == 0.7 and evaluator == 'specialist'")
     assert row["ceiling"] == by_seeds["ceiling_by_seeds"].item()
 
 
@@ -74,40 +80,40 @@ def test_slopes_and_biases_hold_the_truth():
     for _ in range(400):
         said = rng.normal(70, 5, 8)
         own = 20 + 0.7 * said + rng.normal(0, 2, 8)
-        found = generalist.calibration(said, own)
+        found = calibration(said, own)
         held.append(found["slope_low"] <= 0.7 <= found["slope_high"])
     assert np.mean(held) == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 400))
-    assert generalist.calibration(np.array([1.0, 1, 1]), np.array([1.0, 2, 3])) is None
-    assert generalist.calibration(np.array([1.0, 2]), np.array([1.0, 2])) is None
+    assert calibration(np.array([1.0, 1, 1]), np.array([1.0, 2, 3])) is None
+    assert calibration(np.array([1.0, 2]), np.array([1.0, 2])) is None
 
 
 def test_seconds(run):
-    table = generalist.seconds_a_placement(run.trials).set_index(["detector", "judge"])
+    table = seconds_a_placement(run.trials).set_index(["detector", "evaluator"])
     assert table["trials"].tolist() == [12] * 6
-    quick = table["seconds"].xs("generalist", level="judge")
+    quick = table["seconds"].xs("generalist", level="evaluator")
     assert (quick < 5).all()
-    assert (table["seconds"].xs("specialist", level="judge") > 60).all()
+    assert (table["seconds"].xs("specialist", level="evaluator") > 60).all()
 
 
 @pytest.mark.parametrize("axis", [True, False])
 def test_one_generalist_has_intervals_of_the_test_objects(tmp_path, axis):
-    """Whether the judge is an axis, or `sweep.json` says it."""
-    folder = write_run(tmp_path / "run", NAMES, seeds=(1,), judges=("generalist",))
+    """Whether the evaluator is an axis, or `sweep.json` says it."""
+    folder = write_run(tmp_path / "run", NAMES, seeds=(1,), evaluators=("generalist",))
     about = json.loads((folder / "sweep.json").read_text())
     if not axis:
-        about["axes"].remove("judge")
-        about["judge"] = "generalist"
+        about["axes"].remove("evaluator")
+        about["evaluator"] = "generalist"
         for path in folder.glob("*.parquet"):
             table = pd.read_parquet(path)
-            table.drop(columns="judge", errors="ignore").to_parquet(path, index=False)
+            table.drop(columns="evaluator", errors="ignore").to_parquet(path, index=False)
     (folder / "sweep.json").write_text(json.dumps(about))
     run = RunFolder.read(folder)
     (group,) = groups(run)
-    assert group.judge == "generalist"
+    assert group.evaluator == "generalist"
     best = headline_ranking(run, group)["Car"]
     assert best.note.startswith("one generalist")
     assert (best.others["low"] < best.others["lead"]).all()
-    means = seed_means(run.results, run.axes, run.left_out, run.sweep.judge)
+    means = seed_means(run.results, run.axes, run.left_out, run.sweep.evaluator)
     own = means.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
     half = stats.t.ppf(0.975, best.sample.degrees) * np.sqrt(best.sample.variance)
     assert own["half"].tolist() == pytest.approx([half] * len(NAMES))
@@ -119,7 +125,7 @@ def test_one_generalist_has_intervals_of_the_test_objects(tmp_path, axis):
 
 
 def test_the_page_says_it_or_nothing_where_all_placements_are_equal(tmp_path):
-    folder = write_run(tmp_path / "run", NAMES, judges=("generalist", "specialist"))
+    folder = write_run(tmp_path / "run", NAMES, evaluators=("generalist", "specialist"))
 
     def report():
         return report_of(folder, "generalist", "predictors").with_suffix(".md").read_text()

@@ -14,7 +14,7 @@ from sweeps.configuration.sweep import Rung
 from sweeps.results.trial_results import headline_value
 from sweeps.search.trials.aggregate import weighted_value
 from tracking.findings.summary import seed_means, summary_table
-from tracking.kitti_iou import headline_iou, judged, judged_by_all
+from tracking.kitti_iou import at_headline_iou, at_headline_ious, headline_iou
 from tracking.mlflow.content import trial_metrics
 from tracking.report.analysis import Analysis
 from tracking.report.sections.ceiling import reliability_section
@@ -51,9 +51,9 @@ def test_they_have_an_iou_of_their_own_and_change_no_other(run, made_up_run):
     for name in (*run.classes, "all"):
         assert headline_iou(run.results, name) == headline_iou(old, name)
         assert headline_iou(run.results, name, "mean_overlap") == EVERY_IOU
-        own = judged(run.results, run.results, name, "mean_overlap")
+        own = at_headline_iou(run.results, run.results, name, "mean_overlap")
         assert len(own) == 2 * len(run.placements)
-    shown = judged_by_all(run.results, run.results, "Car")
+    shown = at_headline_ious(run.results, run.results, "Car")
     wanted = dict.fromkeys(("AP_R40_3D", "AP_R40_BEV", "recall"), 0.7)
     wanted |= dict.fromkeys(LIKE, EVERY_IOU)
     assert set(zip(shown["metric"], shown["iou"], strict=True)) == {*wanted.items()}
@@ -62,7 +62,7 @@ def test_they_have_an_iou_of_their_own_and_change_no_other(run, made_up_run):
 def test_their_intervals_allow_for_the_test_objects(run):
     means = seed_means(run.results, run.axes, run.left_out)
     for name, old in LIKE.items():
-        new = judged(means, run.results, "Car", name)
+        new = at_headline_iou(means, run.results, "Car", name)
         same = means[(means["class"] == "Car") & (means["metric"] == old) & (means["iou"] == 0.5)]
         for column in ("mean", "sample_sd", "low", "high", "half"):
             assert np.isfinite(new[column]).all()
@@ -93,7 +93,7 @@ def test_rungs_and_objectives_may_ask_for_them():
     metrics = pd.DataFrame(rows, columns=["class", "metric", "iou", "value"])
     assert headline_value(metrics, "AP_R40_3D_mean", "Car") == 50
     for by, value in (("AP_R40_3D_mean", 40), ("mean_overlap", 60)):
-        asked = ObjectiveSettings.model_validate({"by": by, "judge": "generalist"})
+        asked = ObjectiveSettings.model_validate({"by": by, "evaluator": "generalist"})
         assert asked.measured
         assert asked.best == "maximize"
         assert weighted_value(asked, ["Car", "Cyclist"], metrics) == value

@@ -10,7 +10,7 @@ from mlflow_runs_of import client, logged, logging, runs_of, trial, until
 
 import tracking
 from tracking.mlflow.content import Dataset
-from tracking.mlflow.page import VIEW_TAG, source_tags
+from tracking.mlflow.experiment_page import VIEW_TAG, source_tags
 
 SOURCE = {"source": {"scene": "sumo-1"}, "profile": {"frames": 9}}
 DATA = [

@@ -46,13 +46,15 @@ def test_the_report_has_them_beside_the_boxes(run):
     assert list(table.loc[("test", "Car"), ["routes", "boxes", "individuals"]]) == [4, 420, 34]
     assert table.loc[("test", "Car"), "share_of_ten"] == pytest.approx(300 / 420)
     said = "Car: 420 test boxes are 34 individuals, 10 of which have 71 %"
-    assert any(text.startswith(said) for text in cautions(run))
+    assert any(text.startswith(said) for text in cautions(Analysis(run)))
 
 
 def test_few_individuals_are_a_caution(run):
 
     def said(own):
-        return [s for s in cautions(replace(run, individuals=own)) if "others may give" in s]
+        return [
+            s for s in cautions(Analysis(replace(run, individuals=own))) if "others may give" in s
+        ]
 
     def cars(number):
         return rows(*(("a", i % 4, "Car", str(i), 5) for i in range(number)))

@@ -7,7 +7,11 @@ from made_up_run import report_of, write_run
 from scipy import stats
 
 from tracking.report.analysis import Analysis
-from tracking.report.sections import recorded_clouds
+from tracking.report.sections.recorded_clouds import (
+    rank_agreement,
+    recorded_clouds_section,
+    side_by_side,
+)
 from tracking.run_folders.sweep import RunFolder
 
 NAMES = tuple(f"p{i}" for i in range(6))
@@ -21,7 +25,7 @@ def run(tmp_path_factory) -> RunFolder:
 
 
 def test_agreement_by_hand(run):
-    table = recorded_clouds.rank_agreement(run)
+    table = rank_agreement(run)
     assert set(table["class"]) == {"Car", "Pedestrian", "all"}, "no cyclist is in it"
     assert len(table) == 2 * 3
     row = table.query("`class` == 'Car' and detector == 'second'").iloc[0]
@@ -43,15 +47,15 @@ def test_a_subset_without_its_simulated_twin_has_no_part(run):
     results = run.results
     gone = (results["placement"] == "p0") & (results["scene.clouds"] == "simulated")
     less = RunFolder(**vars(run) | {"results": results[~gone]})
-    assert set(recorded_clouds.side_by_side(less)["placement"]) == set(NAMES[1:])
-    assert set(recorded_clouds.rank_agreement(less)["n"]) == {5}
+    assert set(side_by_side(less)["placement"]) == set(NAMES[1:])
+    assert set(rank_agreement(less)["n"]) == {5}
 
 
 @pytest.mark.parametrize("kind", BOTH)
 def test_no_section_without_both(run, made_up_run, kind):
     alone = RunFolder(**vars(run) | {"results": run.results[run.results["scene.clouds"] == kind]})
     for other in (alone, RunFolder.read(made_up_run)):
-        assert recorded_clouds.recorded_clouds_section(Analysis(other)) is None
+        assert recorded_clouds_section(Analysis(other)) is None
 
 
 def test_three_subsets_have_ranks_and_no_interval(tmp_path):

@@ -9,8 +9,7 @@ from made_up_run import NAMES
 from test_report import Page
 
 from tracking.figures.kit.style import figure
-from tracking.pages import page
-from tracking.pages.page import SECTIONS_ALONE, write_csv_files, write_page
+from tracking.pages.html_page import SECTIONS_ALONE, write_csv_files, write_page
 from tracking.pages.section import Section, Table, figure_title, slug
 
 
@@ -77,7 +76,7 @@ def test_a_page_that_would_be_too_large_leaves_its_heaviest_figures_out(
         return write_page(target, SECTIONS_ALONE, [section], name="n").stat().st_size
 
     whole = write()
-    monkeypatch.setattr(page, "LARGEST_PAGE", whole - 50_000)
+    monkeypatch.setattr("tracking.pages.html_page.LARGEST_PAGE", whole - 50_000)
     assert write() <= whole - 50_000
     assert [figure_title(plot) for plot in section.figures] == ["a"]
     said = capsys.readouterr().err

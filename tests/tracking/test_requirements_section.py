@@ -13,11 +13,11 @@ from lidarplace import PAPER_PLACEMENTS
 from lidarplace.mounting.outline import outline
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Area, Positions
-from lidarplace.requirements.judge import Finding, Outcome
+from lidarplace.requirements.check_requirements import CaseResult, RequirementResult
 from lidarplace.requirements.requirement import Requirement
 from lidarplace.requirements.tables import Ground, case_table, worst_cases
 from tests.refused import refused
-from tracking.findings.groups import met, verdicts
+from tracking.findings.groups import met, worst_requirements
 from tracking.mlflow.content import requirement_metrics
 from tracking.pages.requirements import requirement_map
 from tracking.run_folders.arrays import Grounds
@@ -54,7 +54,7 @@ def folder(made_up_run, tmp_path_factory) -> Path:
 
 def test_the_worst_case_decides(folder):
     run = RunFolder.read(folder)
-    found = verdicts(run, {})
+    found = worst_requirements(run, {})
     assert len(found) == 2 * len(run.placements)
     number = {name: i for i, name in enumerate(run.placements)}
     for name, row in found[found["requirement"] == NEAR].set_index("placement").iterrows():
@@ -111,8 +111,8 @@ def drawn(numbers, held, needed):
     """The heat map of numbers on a grid of a metre."""
     positions = Positions(np.arange(len(held)) * 1.0, np.arange(held.shape[1]) * 1.0, held)
     wanted = Requirement("<who>", Area(), "points", needed)
-    worst = Finding("as built", 0.0, 0.5, 3.0, 0.0, 0.0, 0.0)
-    found = Outcome("a<b", wanted, (worst,), positions, numbers[held])
+    worst = CaseResult("as built", 0.0, 0.5, 3.0, 0.0, 0.0, 0.0)
+    found = RequirementResult("a<b", wanted, (worst,), positions, numbers[held])
     (row,) = worst_cases(case_table([found]), []).to_dict("records")
     mounts = PAPER_PLACEMENTS["line"].mounts
     plot = requirement_map(row, Ground.of(found), "a<b", mounts, outline(Vehicle.car()))

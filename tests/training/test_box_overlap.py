@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from tests.refused import refused
-from training.ops import box_overlap, grouping, rotated_iou
+from training.ops import box_overlap, grouping
+from training.ops.rotated_iou import iou_3d, iou_bev, paired_iou
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
 
@@ -28,7 +29,7 @@ def in_torch(a, b, three_d):
 
 
 def in_numba(a, b, three_d):
-    return (rotated_iou.iou_3d if three_d else rotated_iou.iou_bev)(a, b)
+    return (iou_3d if three_d else iou_bev)(a, b)
 
 
 BOTH = pytest.mark.parametrize("iou", [in_numba, in_torch])
@@ -87,7 +88,7 @@ def hull_area(a, b):
 def test_agrees_with_the_hull_of_crossings(a, b):
     common = hull_area(a, b)
     areas = a[0, 3] * a[0, 4] + b[0, 3] * b[0, 4]
-    found = rotated_iou.iou_bev(a, b)[0, 0]
+    found = iou_bev(a, b)[0, 0]
     assert found * areas / (1 + found) == pytest.approx(common, abs=1e-6)
 
 
@@ -97,9 +98,9 @@ def test_agrees_with_the_hull_of_crossings(a, b):
 def test_clipping_at_once_agrees_with_one_by_one(a, b):
     a, b = np.concatenate([a, b[:1]]), np.concatenate([b, a[:1]])
     tensors = [torch.from_numpy(own) for own in (a, b)]
-    expected = rotated_iou.iou_3d(a, b)
+    expected = iou_3d(a, b)
     assert box_overlap._iou_torch(*tensors).numpy() == pytest.approx(expected, abs=1e-12)
-    assert in_torch(a, b, False) == pytest.approx(rotated_iou.iou_bev(a, b), abs=1e-12)
+    assert in_torch(a, b, False) == pytest.approx(iou_bev(a, b), abs=1e-12)
 
 
 @pytest.mark.usefixtures("last_bits")
@@ -140,7 +141,7 @@ def test_closed_forms(iou, a, b, three_d, expected):
 
 def test_agrees_with_openpcdet_in_pieces(monkeypatch):
     a, b = DATA["a"], DATA["b"]
-    assert np.abs(rotated_iou.iou_bev(a, b) - DATA["iou_bev"]).max() < 5e-3
+    assert np.abs(iou_bev(a, b) - DATA["iou_bev"]).max() < 5e-3
     assert (DATA["iou_bev"] > 0.3).sum() > 50
     whole = box_overlap._iou_torch(torch.from_numpy(a), torch.from_numpy(b))
     assert np.abs(whole.numpy() - DATA["iou_3d"]).max() < 5e-3
@@ -158,10 +159,10 @@ def test_tensors_in_tensors_out(dtype):
     assert not result.requires_grad
     values = a.detach().numpy()
     values.setflags(write=False)
-    expected = rotated_iou.iou_3d(values, values[1:])
+    expected = iou_3d(values, values[1:])
     assert torch.equal(result, torch.from_numpy(expected).to(dtype))
-    paired = rotated_iou.paired_iou(values, values[::-1], three_d=True)
-    assert paired == pytest.approx(rotated_iou.iou_3d(values, values)[[0, 1, 2], [2, 1, 0]])
+    paired = paired_iou(values, values[::-1], three_d=True)
+    assert paired == pytest.approx(iou_3d(values, values)[[0, 1, 2], [2, 1, 0]])
     for iou in (box_overlap.iou_3d, box_overlap._iou_torch):
         assert iou(a[:0], a).shape == (0, 3)
         assert iou(a, a[:0]).shape == (3, 0)

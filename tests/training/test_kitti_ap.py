@@ -18,7 +18,15 @@ from plain_curve import plain_curve
 
 from lidarplace.logs.boxes import GEOMETRY
 from tests.refused import refused
-from training.average_precision import COUNTS, IGNORED, OTHER, FramePairs, ap_r40, precision_curve
+from training.average_precision import (
+    COUNTS,
+    IGNORED,
+    OTHER,
+    FramePairs,
+    Roles,
+    ap_r40,
+    precision_curve,
+)
 from training.kitti_ap import COLUMNS, evaluate_boxes, evaluate_detections, found_objects
 from training.kitti_labels import DIFFICULTIES
 
@@ -170,7 +178,7 @@ def test_curve_agrees_with_the_definition(seed):
     parts = zip(*frames, strict=True)
     overlaps, scores, *roles = (np.concatenate([own.ravel() for own in part]) for part in parts)
     harmless, alike = np.zeros(len(scores), bool), np.ones(len(overlaps))
-    curve = precision_curve(pairs, overlaps, scores, 0.5, *roles, harmless, alike)
+    curve = precision_curve(pairs, overlaps, scores, 0.5, Roles(*roles, harmless), alike)
     expected, recall = plain_curve(frames, 0.5)
     assert curve.precision == pytest.approx(expected, abs=1e-15)
     assert curve.similarity == pytest.approx(expected, abs=1e-15)  # all pairs are alike

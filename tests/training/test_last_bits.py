@@ -17,7 +17,8 @@ from training.detectors.heads.anchor_head import HeadOutput
 from training.detectors.heads.proposals import Proposals, Suppression
 from training.detectors.heads.roi_box_coder import roi_grid
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
-from training.ops import interpolation, points_in_boxes
+from training.ops.interpolation import _nearest_torch
+from training.ops.points_in_boxes import MARGIN, _first_box_numba, _first_box_torch
 from training.ops.roipoint_pool import roipoint_pool
 
 ALL = Selection(score=0.1, nms=1.0, pre=10_000, post=10_000)
@@ -75,7 +76,7 @@ def boxes_and_points_on_their_sides():
     boxes[:, :2], boxes[:, 3:6] = random.uniform(-30, 30, (50, 2)), random.uniform(1, 5, (50, 3))
     boxes[:, 6] = random.uniform(-4, 4, 50)
     boxes = boxes.astype(np.float32)
-    reach = np.float64(boxes[:, 3]) / 2 + points_in_boxes.MARGIN
+    reach = np.float64(boxes[:, 3]) / 2 + MARGIN
     across = random.uniform(-0.5, 0.5, (40, 50)) * boxes[:, 4]
     cos, sin = np.cos(np.float64(boxes[:, 6])), np.sin(np.float64(boxes[:, 6]))
     x, y = boxes[:, 0] + cos * reach - sin * across, boxes[:, 1] + sin * reach + cos * across
@@ -83,12 +84,12 @@ def boxes_and_points_on_their_sides():
     return torch.from_numpy(points), torch.from_numpy(boxes)
 
 
-def box_of_points(search=points_in_boxes._first_box_numba):
+def box_of_points(search=_first_box_numba):
     return search(*boxes_and_points_on_their_sides())
 
 
 def box_of_points_torch():
-    return box_of_points(points_in_boxes._first_box_torch)
+    return box_of_points(_first_box_torch)
 
 
 def pooled_points():
@@ -102,7 +103,7 @@ def places_in_rois():
 
 def nearest_torch():
     grid = torch.cartesian_prod(*[torch.arange(5.0)] * 3)
-    return interpolation._nearest_torch(grid + 0.5, grid, 3)[1]
+    return _nearest_torch(grid + 0.5, grid, 3)[1]
 
 
 @pytest.mark.parametrize(

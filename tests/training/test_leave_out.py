@@ -85,7 +85,7 @@ def test_without_a_route_it_is_the_evaluation_of_the_others(spread):
     random = np.random.default_rng(3)
     truths, found, routes = scene(random, 40, 4, spread)
     frames = routes["frame"].tolist()
-    left_out = evaluation(truths, found, frames, CLASSES, None, routes).left_out
+    left_out = evaluation(truths, found, routes, CLASSES).left_out
     assert set(left_out["unit"]) == {"route", "individual", "half", "nothing"}
     whole = by_key(left_out[left_out["unit"] == "nothing"])
     every = by_key(evaluate_boxes(truths, found, frames, CLASSES))
@@ -105,7 +105,7 @@ def test_without_a_route_it_is_the_evaluation_of_the_others(spread):
 def test_a_half_left_out_is_the_evaluation_of_the_other():
     random = np.random.default_rng(5)
     truths, found, routes = scene(random, 40, 4, 3.0)
-    left_out = evaluation(truths, found, range(40), CLASSES, None, routes).left_out
+    left_out = evaluation(truths, found, routes, CLASSES).left_out
     halves = left_out[left_out["unit"] == "half"]
     sides = {name: by_key(own) for name, own in halves.groupby("left_out")}
     assert sorted(sides) == ["0a", "0b", "1a", "1b", "2a", "2b"], "four routes have three splits"
@@ -118,7 +118,7 @@ def test_a_half_left_out_is_the_evaluation_of_the_other():
         same = [p for p in expected if _alike(pair, p) or _alike(pair, p[::-1])]
         assert len(same) == 1
         expected.remove(same[0])
-    alone = evaluation(truths, found, range(10), CLASSES, None, routes[:10]).left_out
+    alone = evaluation(truths, found, routes[:10], CLASSES).left_out
     assert "half" not in set(alone["unit"]), "one route has no halves"
 
 
@@ -131,7 +131,7 @@ def test_without_an_individual_what_was_found_of_it_is_gone_too():
     # Nothing overlaps but an object and its own detections.
     truths, found, routes = scene(random, 30, 3, 4000.0)
     frames = routes["frame"].tolist()
-    left_out = evaluation(truths, found, frames, CLASSES, None, routes).left_out
+    left_out = evaluation(truths, found, routes, CLASSES).left_out
     cars = truths[truths["class"] == "Car"]
     for key in cars["object_id"].unique()[:4]:
         near = np.zeros(len(found), bool)
@@ -163,11 +163,11 @@ def test_the_last_objects_leave_nothing():
     random = np.random.default_rng(6)
     truths, found, routes = scene(random, 12, 2, 40.0, individuals=1)
     truths["object_id"] = "only"
-    left_out = evaluation(truths, found, range(12), ["Car"], None, routes).left_out
+    left_out = evaluation(truths, found, routes, ["Car"]).left_out
     only = left_out[left_out["left_out"] == "s only"]
     assert len(only) == 13
     assert only["value"].isna().all()
-    none = evaluation(truths[:0], found, range(12), ["Car"], None, routes).left_out
+    none = evaluation(truths[:0], found, routes, ["Car"]).left_out
     assert none.empty
     assert "value" in none.columns
     assert evaluation(truths, found, range(12), ["Car"]).left_out is None
@@ -176,8 +176,7 @@ def test_the_last_objects_leave_nothing():
 def test_many_units_are_thrown_together():
     random = np.random.default_rng(7)
     truths, found, routes = scene(random, 3 * MOST_UNITS, 2 * MOST_UNITS, 40.0)
-    frames = routes["frame"].tolist()
-    left_out = evaluation(truths, found, frames, ["Car"], None, routes).left_out
+    left_out = evaluation(truths, found, routes, ["Car"]).left_out
     own = left_out[(left_out["metric"] == "recall") & (left_out["class"] == "Car")]
     own = own[own["unit"] == "individual"]
     own = own[(own["iou"] == 0.5) & (own["ground_truths"] > 0)]

@@ -13,7 +13,7 @@ from lidarplace.base import rings
 from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU
 from lidarplace.base.sectors import SECTORS, bounds_of, sector_of
 from lidarplace.logs.boxes import GEOMETRY
-from training.average_precision import COUNTS, FramePairs, precision_curve
+from training.average_precision import COUNTS, FramePairs, Roles, precision_curve
 from training.by_place import evaluate_by_distance, recall_by_sector
 from training.kitti_ap import evaluate_boxes, evaluation
 from training.matches import Matches
@@ -89,7 +89,7 @@ def test_scores_of_ground_truths_give_kittis_curve(seed, iou):
     matches = Matches.of(pairs, overlaps, scores, iou)
     roles = (np.full(len(own), COUNTS, np.int8) for own in (truths, found))
     harmless, alike = np.zeros(len(found), bool), np.ones(len(overlaps))
-    curve = precision_curve(pairs, overlaps, scores, iou, *roles, harmless, alike)
+    curve = precision_curve(pairs, overlaps, scores, iou, Roles(*roles, harmless), alike)
     assert matches.precision().tolist() == curve.precision.tolist()
     assert matches.found.mean() == curve.recall
 

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from tests.refused import refused
 from training.ops import grouping
-from training.ops import nms as module
-from training.ops.nms import nms
+from training.ops.nms import _unsuppressed_torch, nms
 from training.ops.rotated_iou import iou_bev, unsuppressed
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
@@ -38,7 +37,7 @@ def test_keeps_what_openpcdet_keeps(threshold, pre, expected):
     assert nms(boxes, scores, threshold, pre=pre).tolist() == expected
     assert nms(boxes, scores, threshold, pre=pre, post=20).tolist() == expected[:20]
     best = scores.argsort(descending=True, stable=True)[:pre]
-    rows = module._unsuppressed_torch(boxes[best], threshold)
+    rows = _unsuppressed_torch(boxes[best], threshold)
     assert best[rows].tolist() == expected
 
 
@@ -53,7 +52,7 @@ def test_by_hand():
     assert kept([0.9, 0.5, 0.7], 0.4, pre=2) == [0, 2]
     assert kept([0.5, 0.5, 0.5], 0.3) == [0, 2]
     assert nms(three[:0], torch.zeros(0), 0.3).tolist() == []
-    assert module._unsuppressed_torch(three[:0], 0.3).tolist() == []
+    assert _unsuppressed_torch(three[:0], 0.3).tolist() == []
 
 
 def by_definition(boxes, threshold):
@@ -69,7 +68,7 @@ def assert_kept(boxes, threshold):
     boxes = np.asarray(boxes, np.float64)
     expected = by_definition(boxes, threshold)
     assert unsuppressed(boxes, threshold, len(boxes)).tolist() == expected
-    assert module._unsuppressed_torch(torch.from_numpy(boxes), threshold).tolist() == expected
+    assert _unsuppressed_torch(torch.from_numpy(boxes), threshold).tolist() == expected
 
 
 @pytest.mark.usefixtures("last_bits")
@@ -119,7 +118,7 @@ def test_dense_proposals_on_both_paths(monkeypatch):
     assert unsuppressed(crowd, 0.8, 300).tolist() == expected
     assert unsuppressed(crowd, 0.8, 20).tolist() == expected[:20]
     monkeypatch.setattr(grouping, "CHUNK", 10_000)
-    assert module._unsuppressed_torch(torch.from_numpy(crowd), 0.8).tolist() == expected
+    assert _unsuppressed_torch(torch.from_numpy(crowd), 0.8).tolist() == expected
 
 
 def test_only_boxes_that_take_part_are_looked_at():
@@ -129,4 +128,4 @@ def test_only_boxes_that_take_part_are_looked_at():
     with refused(("", "boxes", "NaN or infinity")):
         nms(boxes, scores, 0.5)
     with refused(("", "boxes", "NaN or infinity")):
-        module._unsuppressed_torch(boxes, 0.5)
+        _unsuppressed_torch(boxes, 0.5)

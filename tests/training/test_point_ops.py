@@ -14,17 +14,26 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from training.ops import ball_query, grouping, interpolation, sampling, voxel_query
+from training.ops import grouping, voxel_query
+from training.ops.ball_query import _query_numba, _query_torch
 from training.ops.grouping import group
+from training.ops.interpolation import (
+    _nearest_numba,
+    _nearest_torch,
+    interpolate,
+    inverse_distance_weights,
+    three_nn,
+)
+from training.ops.sampling import _furthest_numba, _furthest_torch, furthest_point_sample
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
 POINTS = torch.from_numpy(DATA["points"])
 BATCH = torch.tensor([1500, 1500])
 STACK = torch.tensor([1400, 1600])
 
-SAMPLING = (sampling._furthest_numba, sampling._furthest_torch)
-BALLS = (ball_query._query_numba, ball_query._query_torch)
-NEAREST = (interpolation._nearest_numba, interpolation._nearest_torch)
+SAMPLING = (_furthest_numba, _furthest_torch)
+BALLS = (_query_numba, _query_torch)
+NEAREST = (_nearest_numba, _nearest_torch)
 VOXELS = (voxel_query._query_numba, voxel_query._query_torch)
 
 
@@ -139,23 +148,23 @@ def test_sampling_of_small_and_empty_frames(search):
     # Nothing is further than anything else.
     assert search(torch.zeros(5, 3), [5], 4).tolist() == [0, 0, 0, 0]
     counts = torch.tensor([0, 2, 0, 1])
-    assert sampling.furthest_point_sample(line, counts, 5)[1].tolist() == [0, 5, 0, 5]
+    assert furthest_point_sample(line, counts, 5)[1].tolist() == [0, 5, 0, 5]
 
 
 @settings(max_examples=20)
 @given(sizes, st.integers(1, 40), st.integers(0, 2**32 - 1))
 def test_sampling_of_many_frames_is_the_same_on_both_paths(counts, samples, seed):
     xyz = lattice_points(sum(counts), seed)
-    rows = sampling._furthest_torch(xyz, counts, samples)
-    assert torch.equal(rows, sampling._furthest_numba(xyz, counts, samples))
+    rows = _furthest_torch(xyz, counts, samples)
+    assert torch.equal(rows, _furthest_numba(xyz, counts, samples))
 
 
 def few_samples(xyz, counts):
-    return sampling._furthest_torch(xyz, counts.tolist(), 8)
+    return _furthest_torch(xyz, counts.tolist(), 8)
 
 
 def few_in_balls(xyz, counts):
-    return ball_query._query_torch(0.3, 4, xyz, counts, xyz, counts)
+    return _query_torch(0.3, 4, xyz, counts, xyz, counts)
 
 
 @pytest.mark.parametrize("search", [few_samples, few_in_balls])
@@ -172,7 +181,7 @@ def test_a_gpu_makes_as_many_operations_for_many_frames(search):
 def test_sampling_on_a_gpu_does_not_pad_small_frames_to_the_largest():
     counts = [3, 5] * 200 + [20_000]
     with Operations() as operations:
-        sampling._furthest_torch(torch.rand(sum(counts), 3), counts, 4)
+        _furthest_torch(torch.rand(sum(counts), 3), counts, 4)
     assert operations.largest <= 2 * 3 * sum(counts)
 
 
@@ -215,10 +224,10 @@ def test_ball_query_of_many_frames_is_the_same_on_both_paths(
     new_counts = data.draw(st.lists(st.integers(0, 9), min_size=len(counts), max_size=len(counts)))
     xyz, new = lattice_points(sum(counts), seed), lattice_points(sum(new_counts), seed + 1)
     counts, new_counts = (torch.tensor(own, dtype=torch.int64) for own in (counts, new_counts))
-    expected = ball_query._query_numba(radius, samples, xyz, counts, new, new_counts)
+    expected = _query_numba(radius, samples, xyz, counts, new, new_counts)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(grouping, "CHUNK", chunk)
-        result = ball_query._query_torch(radius, samples, xyz, counts, new, new_counts)
+        result = _query_torch(radius, samples, xyz, counts, new, new_counts)
     assert all(map(torch.equal, expected, result))
 
 
@@ -230,7 +239,7 @@ def test_ball_query_on_a_gpu_holds_a_chunk_and_pads_little(chunk, monkeypatch):
     new_counts = torch.tensor([9] * 400 + [30])
     new = torch.rand(int(new_counts.sum()), 3)
     with Operations() as operations:
-        ball_query._query_torch(0.3, 4, xyz, counts, new, new_counts)
+        _query_torch(0.3, 4, xyz, counts, new, new_counts)
     work = int(counts @ new_counts)
     assert operations.largest <= max(xyz.numel(), min(chunk, 2 * work))
 
@@ -250,17 +259,17 @@ def test_ball_query_of_far_points():
 @pytest.mark.usefixtures("last_bits")
 def test_three_nn_agrees_with_openpcdet():
     new = (of("fps_batch") + torch.tensor([[0], [1500]])).flatten()
-    found, idx = interpolation.three_nn(POINTS, BATCH, POINTS[new], torch.tensor([128, 128]))
+    found, idx = three_nn(POINTS, BATCH, POINTS[new], torch.tensor([128, 128]))
     expected = of("nn_batch_idx") + torch.tensor([0, 128])[:, None, None]
     assert torch.equal(idx, expected.flatten(0, 1))
     assert found.numpy() == pytest.approx(DATA["nn_batch_distances"].reshape(-1, 3), abs=2e-6)
     features = torch.from_numpy(DATA["nn_features"]).transpose(1, 2).flatten(0, 1)
-    weights = interpolation.inverse_distance_weights(found)
-    result = interpolation.interpolate(features, idx, weights)
+    weights = inverse_distance_weights(found)
+    result = interpolate(features, idx, weights)
     expected = DATA["nn_interpolated"].transpose(0, 2, 1).reshape(-1, 2)
     assert result.numpy() == pytest.approx(expected, abs=1e-6)
     new, counts = torch.from_numpy(DATA["new_points"]), of("new_counts")
-    found, idx = interpolation.three_nn(new, counts, POINTS, STACK)
+    found, idx = three_nn(new, counts, POINTS, STACK)
     assert torch.equal(idx, of("nn_stack_idx"))
     assert found.numpy() == pytest.approx(DATA["nn_stack_distances"], rel=1e-6)
 
@@ -280,25 +289,23 @@ def test_nearest_by_brute_force(unknown, known, chunk):
         torch.testing.assert_close(found, expected[:, :near].sqrt(), rtol=3e-7, atol=0)
         assert torch.equal(squared.gather(1, idx), expected[:, :near])
     # On a CPU the lowest rows of equally near ones.
-    assert torch.equal(interpolation._nearest_numba(unknown, known, near)[1], rows[:, :near])
+    assert torch.equal(_nearest_numba(unknown, known, near)[1], rows[:, :near])
 
 
 def test_three_nn_with_fewer_than_three_points():
     unknown = torch.tensor([[0.0, 0, 0], [2, 0, 0], [5, 0, 0], [6, 0, 0]])
     known = torch.tensor([[1.0, 0, 0], [4, 0, 0], [8, 0, 0]])
-    found, idx = interpolation.three_nn(
-        unknown, torch.tensor([1, 1, 2, 0]), known, torch.tensor([1, 0, 2, 0])
-    )
+    found, idx = three_nn(unknown, torch.tensor([1, 1, 2, 0]), known, torch.tensor([1, 0, 2, 0]))
     inf = torch.inf
     assert found.tolist() == [[1, inf, inf], [inf] * 3, [1, 3, inf], [2, 2, inf]]
     assert idx.tolist() == [[0, 0, 0], [0, 0, 0], [1, 2, 0], [1, 2, 0]]
-    weights = interpolation.inverse_distance_weights(found)
+    weights = inverse_distance_weights(found)
     assert weights[0].tolist() == [1, 0, 0]
     assert weights[1].tolist() == [0, 0, 0]
     assert weights[2].tolist() == pytest.approx([0.75, 0.25, 0])
     features = torch.eye(3)
-    assert interpolation.interpolate(features, idx, weights)[3].tolist() == [0, 0.5, 0.5]
-    nothing = interpolation.interpolate(features[:0], idx, weights)
+    assert interpolate(features, idx, weights)[3].tolist() == [0, 0.5, 0.5]
+    nothing = interpolate(features[:0], idx, weights)
     assert torch.equal(nothing, torch.zeros(4, 3))
 
 
@@ -353,5 +360,5 @@ def test_gradients_reach_the_features():
     weights = torch.rand(4, 3, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda rows: group(rows, idx), (features,))
     assert torch.autograd.gradcheck(
-        lambda rows, by: interpolation.interpolate(rows, idx, by), (features, weights)
+        lambda rows, by: interpolate(rows, idx, by), (features, weights)
     )

@@ -12,13 +12,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from training.ops import grouping, points_in_boxes
-from training.ops.points_in_boxes import box_of_points
+from training.ops import grouping
+from training.ops.points_in_boxes import _first_box_numba, _first_box_torch, box_of_points
 from training.ops.roipoint_pool import roipoint_pool as pool
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
 POINTS = torch.from_numpy(DATA["points"])
-FIRST_BOX = (points_in_boxes._first_box_numba, points_in_boxes._first_box_torch)
+FIRST_BOX = (_first_box_numba, _first_box_torch)
 
 
 @pytest.fixture(params=[True, False], ids=["whole", "chunked"])

@@ -4,8 +4,13 @@ import pytest
 import torch
 from torch.nn import functional
 
-from training.ops import sparse_rules
 from training.ops.sparse_conv import SparseConv3d, SparseTensor, SubmanifoldConv3d
+from training.ops.sparse_rules import (
+    _by_row_numba,
+    _by_row_torch,
+    _neighbours_numba,
+    _neighbours_torch,
+)
 
 STRIDED = [
     ((3, 3, 3), (2, 2, 2), (1, 1, 1)),
@@ -93,11 +98,11 @@ def test_torch_finds_the_pairs_that_numba_finds(grid):
     x = sites(*grid)
     keys = torch.unique(torch.randint(0, 3000, (500,)))
     steps = torch.tensor([-101, -100, -11, -1, 2])
-    ours = sparse_rules._neighbours_numba(keys.numpy(), steps.numpy())
-    assert_same(ours, sparse_rules._neighbours_torch(keys, steps))
+    ours = _neighbours_numba(keys.numpy(), steps.numpy())
+    assert_same(ours, _neighbours_torch(keys, steps))
     rows = torch.randint(len(x.coordinates), (300,))
-    other = sparse_rules._by_row_torch(rows, len(x.coordinates))
-    assert_same(sparse_rules._by_row_numba(rows.numpy(), len(x.coordinates)), other)
+    other = _by_row_torch(rows, len(x.coordinates))
+    assert_same(_by_row_numba(rows.numpy(), len(x.coordinates)), other)
 
 
 def assert_same(arrays, tensors):

@@ -16,7 +16,11 @@ from tracking.figures.kit.style import OUTLINE, colour, figure, text
 from tracking.figures.kit.vehicle_lines import add_vehicle, pog_from_above
 from tracking.run_folders.search_json import Objective, Rig
 
-_BOUND, _GREEDY, _PAPER = colour(5), colour(2), colour(1)
+_BOUND = {"color": colour(5), "width": 1.5, "dash": "dash"}
+_GREEDY = {"color": colour(2), "width": 1.5, "dash": "dashdot"}
+_PAPER = {"color": colour(1), "width": 1.5, "dash": "dot"}
+_BEST = {"color": colour(0), "width": 1.5, "dash": "dot"}
+_OTHERS = {"color": OUTLINE, "width": 1, "dash": "dot"}
 
 
 def search_history(
@@ -26,31 +30,32 @@ def search_history(
     greedy: float | None,
     paper: Mapping[str, float],
 ) -> go.Figure:
-    """A mark a trial, the best feasible value so far as a line, peers as level lines.
+    """Draw a mark a trial, the best feasible value so far as a line, peers as level lines.
 
     All values are as the search computes them; `trials` were evaluated and are sorted by number,
-    `paper` has values of the paper's eight, the best first.
-    """
+    `paper` has values of the paper's eight, the best first."""
     plot = figure(text(objective.name), height=440)
     value = trials[f"value.{objective.name}"].to_numpy(np.float64)
-    kept = trials["feasible"].to_numpy(bool)
+    feasible = trials["feasible"].to_numpy(bool)
     count = np.arange(1, len(value) + 1)
-    for own, name, shade, shape in (
-        (kept, "trial", OUTLINE, "circle"),
-        (~kept, "trial that breaks a constraint", colour(3), "x-thin-open"),
+    for marked, name, shade, shape in (
+        (feasible, "trial", OUTLINE, "circle"),
+        (~feasible, "trial that breaks a constraint", colour(3), "x-thin-open"),
     ):
-        if own.any():
+        if marked.any():
             plot.add_scattergl(
-                x=count[own].astype(np.float32),
-                y=value[own].astype(np.float32),
+                x=count[marked].astype(np.float32),
+                y=value[marked].astype(np.float32),
                 mode="markers",
                 marker={"size": 5, "color": shade, "symbol": shape, "opacity": 0.6},
-                customdata=trials["number"].to_numpy(np.int32)[own],
+                customdata=trials["number"].to_numpy(np.int32)[marked],
                 hovertemplate="trial %{customdata}: %{y:,.6g}<extra></extra>",
                 name=name,
             )
-    if kept.any():
-        best = objective.sign * np.fmax.accumulate(np.where(kept, objective.sign * value, np.nan))
+    if feasible.any():
+        best = objective.sign * np.fmax.accumulate(
+            np.where(feasible, objective.sign * value, np.nan)
+        )
         plot.add_scatter(
             x=count.astype(np.float32),
             y=best.astype(np.float32),
@@ -61,14 +66,14 @@ def search_history(
         )
     ends = (0, max(len(value), 1))
     if bound is not None:
-        _level(plot, ends, bound, "upper bound", _BOUND, "dash")
+        _level(plot, ends, bound, "upper bound", _BOUND)
     if greedy is not None:
-        _level(plot, ends, greedy, "greedy", _GREEDY, "dashdot")
+        _level(plot, ends, greedy, "greedy", _GREEDY)
     for i, (name, level) in enumerate(paper.items()):
         if i == 0:
-            _level(plot, ends, level, f"{name}, best of the paper", _PAPER, "dot")
+            _level(plot, ends, level, f"{name}, best of the paper", _PAPER)
         else:
-            _level(plot, ends, level, "others of the paper", OUTLINE, "dot", name, i == 1)
+            _level(plot, ends, level, "others of the paper", _OTHERS, name, i == 1)
     return _finished(plot, "evaluations", objective)
 
 
@@ -79,8 +84,9 @@ def _finished(plot: go.Figure, counted: str, objective: Objective) -> go.Figure:
 
 
 def bound_over_seconds(bound: pd.DataFrame, objective: Objective, best: float | None) -> go.Figure:
-    """How the upper bound of the first objective fell while it was computed. `bound` has seconds,
-    bound and kind, `best` is the value of the best rig as searched."""
+    """Draw how the upper bound of the first objective fell while it was computed.
+
+    `bound` has seconds, bound and kind, `best` is the value of the best rig as searched."""
     plot = figure(f"Upper bound of {text(objective.name)}", height=440)
     for i, (kind, part) in enumerate(bound.groupby("kind", sort=False)):
         part = part.sort_values("seconds")
@@ -88,13 +94,13 @@ def bound_over_seconds(bound: pd.DataFrame, objective: Objective, best: float | 
             x=part["seconds"].to_numpy(),
             y=part["bound"].to_numpy(),
             mode="lines+markers",
-            line={"color": (_BOUND, colour(4), colour(3))[i % 3], "width": 2, "shape": "hv"},
+            line={"color": colour((5, 4, 3)[i % 3]), "width": 2, "shape": "hv"},
             name=f"bound: {text(kind)}",
             hovertemplate="%{x:.3g} s: %{y:,.6g}<extra></extra>",
         )
     if best is not None:
         ends = (0.0, float(bound["seconds"].max()))
-        _level(plot, ends, best, "best rig", colour(0), "dot")
+        _level(plot, ends, best, "best rig", _BEST)
     return _finished(plot, "seconds", objective)
 
 
@@ -103,17 +109,16 @@ def _level(
     ends: tuple[float, float],
     value: float,
     name: str,
-    shade: str,
-    dash: str,
+    line: Mapping[str, Any],
     hover: str | None = None,
     listed: bool = True,
 ) -> None:
-    """A level line; `listed` in the legend as `name`, shown as `hover` or `name`."""
+    """Draw a level line, which is `listed` in the legend as `name`, shown as `hover` or `name`."""
     plot.add_scatter(
         x=ends,
         y=[value, value],
         mode="lines",
-        line={"color": shade, "width": 1.5 if hover is None else 1, "dash": dash},
+        line=line,
         name=text(name),
         legendgroup=name,
         showlegend=listed,
@@ -134,10 +139,9 @@ def pareto_fronts(
     rigs: Mapping[str, Rig],
     front: Sequence[str],
 ) -> list[go.Figure]:
-    """A figure for every pair of objectives, of values as the search computes them.
+    """Draw a figure for every pair of objectives, of values as the search computes them.
 
-    `trials` are those that were evaluated; `rigs` without a value of the pair are left out.
-    """
+    `trials` are those that were evaluated; `rigs` without a value of the pair are left out."""
     feasible = trials[trials["feasible"].astype(bool)]
     return [_front(feasible, a, b, rigs, front) for a, b in combinations(objectives, 2)]
 
@@ -147,7 +151,7 @@ def _front(
 ) -> go.Figure:
     plot = figure(f"{text(a.name)} and {text(b.name)}", height=420)
     points = {name: (rig.searched_value(a), rig.searched_value(b)) for name, rig in rigs.items()}
-    known = {name: point for name, point in points.items() if np.isfinite(point).all()}
+    with_both = {name: point for name, point in points.items() if np.isfinite(point).all()}
     plot.add_scattergl(
         x=trials[f"value.{a.name}"].to_numpy(np.float32),
         y=trials[f"value.{b.name}"].to_numpy(np.float32),
@@ -158,12 +162,12 @@ def _front(
         name="feasible trial",
     )
     for role, (label, shape, shade) in _ROLES.items():
-        own = {n: p for n, p in known.items() if rigs[n].role == role and n not in front}
-        _add_rigs(plot, own, label, {"size": 10, "symbol": shape, "color": shade})
+        of_role = {n: p for n, p in with_both.items() if rigs[n].role == role and n not in front}
+        _add_rigs(plot, of_role, label, {"size": 10, "symbol": shape, "color": shade})
     # Along the first objective, so that the line is the front where there are two.
-    ordered = sorted((name for name in front if name in known), key=known.__getitem__)
+    ordered = sorted((name for name in front if name in with_both), key=with_both.__getitem__)
     marker = {"size": 9, "color": colour(0), "line": {"color": "#ffffff", "width": 1}}
-    _add_rigs(plot, {name: known[name] for name in ordered}, "Pareto front", marker)
+    _add_rigs(plot, {name: with_both[name] for name in ordered}, "Pareto front", marker)
     plot.update_xaxes(title=f"{text(a.label)}, {a.better}")
     plot.update_yaxes(title=f"{text(b.label)}, {b.better}")
     return plot.update_layout(legend={"orientation": "h", "y": -0.18, "yanchor": "top"})
@@ -188,10 +192,10 @@ def _add_rigs(
 def robustness_figure(
     rows: pd.DataFrame, objective: Objective, reference: str, designed: float
 ) -> go.Figure:
-    """A row a case: the mean, in percent of one value for all rigs; the bar ends at the worst.
+    """Draw a row a case: the mean, in percent of one value for all rigs; the bar ends at the worst.
 
-    100 % is `designed` of the rig `reference`; where that is not positive, values have their unit.
-    """
+    100 % is `designed` of the rig `reference`; where that is not positive, values have their
+    unit."""
     relative = designed > 0
     scale, unit = (100 / designed, "%") if relative else (1.0, text(objective.unit))
     both = scale * rows.set_index(["rig", "case"])[["value", "worst"]]
@@ -203,7 +207,7 @@ def robustness_figure(
         rows["case"].drop_duplicates().tolist(),
         text(objective.name),
         f"{title},<br>{objective.better}",
-        shown=f"%{{x:.5~g}} {unit}",
+        hover=f"%{{x:.5~g}} {unit}",
     )
     if relative:
         plot.add_vline(x=100, line={"color": OUTLINE, "width": 1, "dash": "dot"})
@@ -221,13 +225,15 @@ def unseen(
     vehicle: Vehicle,
     names: tuple[str, str, str],
 ) -> list[go.Figure]:
-    """Two maps on one scale from 0, and `after - before` on a scale about 0: residual entropy of
-    each column of voxels, nats, shape (nx, ny); `names` are the class and the two rigs."""
-    shown, first, second = (text(name) for name in names)
+    """Draw two maps on one scale from 0, and `after - before` on a scale about 0.
+
+    Residual entropy of each column of voxels, nats, shape (nx, ny); `names` are the class and
+    the two rigs."""
+    class_name, first, second = (text(name) for name in names)
     plots = [
-        pog_from_above(before, roi, f"{shown} · unseen by {first}", _CELLS),
-        pog_from_above(after, roi, f"{shown} · unseen by {second}", _CELLS),
-        pog_from_above(after - before, roi, f"{shown} · {second} less {first}", _CELLS),
+        pog_from_above(before, roi, f"{class_name} · unseen by {first}", _CELLS),
+        pog_from_above(after, roi, f"{class_name} · unseen by {second}", _CELLS),
+        pog_from_above(after - before, roi, f"{class_name} · {second} less {first}", _CELLS),
     ]
     maps = [plot.data[0] for plot in plots]
     top = max(float(heat.z.max()) for heat in maps[:2]) or 1.0

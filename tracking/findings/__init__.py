@@ -1,4 +1,3 @@
-"""Questions about a sweep, each answered by a table or a number.
+"""Findings of a sweep, each a table or a number.
 
-`axes` are the further axes of its grid, beyond placement, detector and seed.
-"""
+`axes` are the further axes of its grid, beyond placement, detector and seed."""

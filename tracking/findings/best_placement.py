@@ -1,4 +1,4 @@
-"""Which placement is best, by how much, and how sure is that?"""
+"""Comparison of all placements with the best: leads, intervals and probabilities."""
 
 import math
 from dataclasses import dataclass
@@ -42,10 +42,9 @@ class BestPlacement:
     pairs: AllPairs
 
     def differences(self, reference: str) -> pd.DataFrame:
-        """All placements against one of them, in intervals that hold for all pairs at once.
+        """Compare all placements with one of them, in intervals that hold for all pairs at once.
 
-        Index placement, best first: `difference`, `low`, `high`. Raises KeyError: no value.
-        """
+        Index placement, best first: `difference`, `low`, `high`. Raises KeyError: no value."""
         if reference not in self.sure.index:
             raise KeyError(reference)
         at = self.sure.index.tolist().index(reference)
@@ -56,17 +55,17 @@ class BestPlacement:
 
     @property
     def means(self) -> NDArray[np.float64]:
-        """What is compared, of all placements, the best first, shape (n,): of AP the area."""
+        """Compared values of all placements, the best first, shape (n,): of AP the area."""
         return self.pairs.means
 
     @property
     def p(self) -> pd.Series:
-        """p of no difference of the best to each other one, adjusted as the intervals."""
+        """p-values of no difference of the best to each other one, adjusted as the intervals."""
         return pd.Series(self.pairs.p_of_no_lead(0)[1:], self.others.index)
 
     @property
     def equal(self) -> list[str]:
-        """The best and those with the same mean."""
+        """Best placement, and those with the same mean."""
         return [self.best, *map(str, self.others.index[self.others["lead"] == 0])]
 
     @property
@@ -93,19 +92,19 @@ def best_placement(
     None if there is no value; NaN for all that needs the spread over seeds if no placement has two.
     Raises ValueError: a placement has two values for a seed.
     """
-    known = results[results["value"].notna()]
-    if known.empty:
+    tested = results[results["value"].notna()]
+    if tested.empty:
         return None
-    twice = known[known.duplicated(["placement", "seed"])]
+    twice = tested[tested.duplicated(["placement", "seed"])]
     if len(twice):
         placement, number = twice.iloc[0][["placement", "seed"]]
         raise ValueError(f"placement {placement!r} has two values for seed {number}")
-    y = known.pivot(index="placement", columns="seed", values="value")
-    area = _as_area(y.reindex(known["placement"].unique()), left_out)
+    y = tested.pivot(index="placement", columns="seed", values="value")
+    area = _as_area(y.reindex(tested["placement"].unique()), left_out)
     area = area.iloc[np.argsort(-seed_mean(area.to_numpy(np.float64)), kind="stable")]
     y = y.reindex(area.index)
     values = area.to_numpy(np.float64)
-    means, shown = seed_mean(values), seed_mean(y.to_numpy(np.float64))
+    means, reported_means = seed_mean(values), seed_mean(y.to_numpy(np.float64))
     of_seeds = Noise.of(values)
     sample = None if left_out is None else sample_error(left_out, paired=True)
     ordered = None if sample is None else sample.among([*y.index])
@@ -114,32 +113,36 @@ def best_placement(
         noise = Noise(of_seeds.counts, sample.variance, math.floor(sample.degrees))
     pairs = AllPairs.of(means, of_seeds, ordered, alone=generalist)
     low, high = pairs.intervals(0).T
-    table = {"mean": shown, "seeds": of_seeds.counts, "lead": means[0] - means}
+    table = {"mean": reported_means, "seeds": of_seeds.counts, "lead": means[0] - means}
     table |= {"low": low, "high": high}
     others = pd.DataFrame(table, index=y.index)
-    note = ""
-    if len(y) == 1:
-        note = "one placement: there is nothing to compare it with"
-    elif of_seeds.degrees == 0 and noise.degrees > 0:
-        note = "one generalist: what another one would say is not in the intervals"
-    elif of_seeds.degrees == 0:
-        note = "one seed each: the training noise is unknown, so there is no interval"
     return BestPlacement(
         best=str(y.index[0]),
-        mean=float(shown[0]),
+        mean=float(reported_means[0]),
         others=others.iloc[1:],
         sure=pd.Series(probability_of_best(means, noise), y.index, name="sure"),
         sd=float(np.sqrt(of_seeds.variance)),
         seed_sd=of_seeds.seed_sd,
         sample=sample,
-        note=note,
+        note=_note(len(y), of_seeds, noise),
         noise=noise,
         pairs=pairs,
     )
 
 
+def _note(placements: int, of_seeds: Noise, noise: Noise) -> str:
+    """Say why there are no intervals, or what is not in them; "" if all is."""
+    if placements == 1:
+        return "one placement: there is nothing to compare it with"
+    if of_seeds.degrees > 0:
+        return ""
+    if noise.degrees > 0:
+        return "one generalist: what another one would say is not in the intervals"
+    return "one seed each: the training noise is unknown, so there is no interval"
+
+
 def _as_area(y: pd.DataFrame, left_out: pd.DataFrame | None) -> pd.DataFrame:
-    """The values of `y` with nothing left out, if the table has all of them."""
+    """Take the values of `y` with nothing left out, if the table has all of them."""
     if left_out is None:
         return y
     whole = left_out[left_out["unit"] == NOTHING]

@@ -1,4 +1,4 @@
-"""Which surrogate predicts a metric best, and does any?"""
+"""Ranking of surrogates by how well they predict a metric, and whether any does."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,9 +16,10 @@ SIGNIFICANT = 0.05
 
 @dataclass(frozen=True)
 class Predictors:
-    """The surrogates of one group, a value of each of `group_columns`, the strongest first.
+    """Surrogates of one group, a value of each of `group_columns`, the strongest first.
 
     Attributes:
+        group: the group.
         ranking: index surrogate: `spearman`, its `p` and family-wise `holm`, `rmse` and
             `rmse_of_mean` of predicting a placement left out; `same_as`, the surrogate before it
             that orders placements alike or reversed, or ""; `behind`, by how much its |rho| is
@@ -26,8 +27,7 @@ class Predictors:
             once without the seeds' noise; NaN for the first, and for those that order alike.
         predictor: the strongest whose `holm` is below 0.05 and whose `rmse` is below
             `rmse_of_mean`; "" if there is none.
-        sentence: the finding.
-    """
+        sentence: the finding."""
 
     group: dict[str, object]
     ranking: pd.DataFrame
@@ -50,30 +50,30 @@ def best_surrogates(
     """
     keys = [*group_columns(axes), "surrogate"]
     estimates = correlations.merge(left_out[[*keys, "rmse", "rmse_of_mean"]], on=keys, how="left")
-    found, start = [], 0
+    predictors, start = [], 0
     for group in paired(results, surrogates, axes):
-        own = estimates.iloc[start : start + group.surrogates.shape[1]]
-        start += len(own)
-        ranking = _ranking(group, own)
+        of_group = estimates.iloc[start : start + group.surrogates.shape[1]]
+        start += len(of_group)
+        ranking = _ranking(group, of_group)
         if ranking.empty:
             continue
         proven = ranking["holm"] < SIGNIFICANT
         useful = ranking["rmse"] < ranking["rmse_of_mean"]
         both = ranking.index[proven & useful]
         predictor = str(both[0]) if len(both) else ""
-        sentence = _sentence(group.group, ranking, predictor) + _beyond_proof(own)
-        found.append(Predictors(group.group, ranking, predictor, sentence))
-    return found
+        sentence = _sentence(group.group, ranking, predictor) + _beyond_proof(of_group)
+        predictors.append(Predictors(group.group, ranking, predictor, sentence))
+    return predictors
 
 
 def _ranking(group: Paired, estimates: pd.DataFrame) -> pd.DataFrame:
     columns = ["spearman", "spearman_p", "spearman_holm", "rmse", "rmse_of_mean"]
-    known = estimates[estimates["spearman"].notna()].set_index("surrogate")[columns]
-    if known.empty:
-        return known
+    with_values = estimates[estimates["spearman"].notna()].set_index("surrogate")[columns]
+    if with_values.empty:
+        return with_values
     # Equal coefficients may differ by rounding: the order of the table decides between them.
-    order = np.argsort(-known["spearman"].abs().round(9).to_numpy(), kind="stable")
-    ranking = known.iloc[order].rename(columns={"spearman_p": "p", "spearman_holm": "holm"})
+    order = np.argsort(-with_values["spearman"].abs().round(9).to_numpy(), kind="stable")
+    ranking = with_values.iloc[order].rename(columns={"spearman_p": "p", "spearman_holm": "holm"})
     ranking["same_as"] = ""
     ranking[["behind", "behind_low", "behind_high"]] = np.nan
     for placements, names in group.by_placements():
@@ -105,8 +105,8 @@ def _ranking(group: Paired, estimates: pd.DataFrame) -> pd.DataFrame:
 def _sentence(group: dict[str, object], ranking: pd.DataFrame, predictor: str) -> str:
     objects = "All objects" if group["class"] == "all" else str(group["class"])
     about = f"{objects}, {metric_label(str(group['metric']), float(str(group['iou'])))}"
-    shown = predictor or str(ranking.index[0])
-    row = ranking.loc[shown].to_dict()
+    surrogate = predictor or str(ranking.index[0])
+    row = ranking.loc[surrogate].to_dict()
     numbers = f"ρ = {signed(row['spearman'])}, p = {row['holm']:.2g} after correction"
     error = (
         "too few placements to leave one out"
@@ -114,18 +114,18 @@ def _sentence(group: dict[str, object], ranking: pd.DataFrame, predictor: str) -
         else f"error of a placement left out {row['rmse']:.2g} points, of the mean "
         f"{row['rmse_of_mean']:.2g}"
     )
-    name, evidence, told = surrogate_name(shown), f"({numbers}; {error})", ""
+    name, evidence, comparison = surrogate_name(surrogate), f"({numbers}; {error})", ""
     if not predictor:
         return f"{about}: no surrogate is shown to predict it. The strongest is {name} {evidence}."
     if predictor == ranking.index[0]:  # which the others were compared with
         alike = ranking[(ranking["behind_low"] <= 0) & (ranking["same_as"] == "")].index
         names = ", ".join(surrogate_name(str(other)) for other in alike)
-        told = names and f"; not significantly better than {names}"
-    return f"{about}: {name} predicts it {evidence}{told}."
+        comparison = names and f"; not significantly better than {names}"
+    return f"{about}: {name} predicts it {evidence}{comparison}."
 
 
 def _beyond_proof(estimates: pd.DataFrame) -> str:
-    """Says so where not even a perfect order could pass the correction."""
+    """Say where not even a perfect order could pass the correction."""
     n, tests = int(estimates["n"].max()), int(estimates["spearman_tests"].max())
     if smallest_p(n) * tests <= SIGNIFICANT:
         return ""

@@ -1,4 +1,4 @@
-"""How strongly could a perfect surrogate correlate with a metric that is known with noise?"""
+"""Correlation that a perfect surrogate reaches with a metric that is known with noise."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -24,7 +24,7 @@ _OF_DETECTORS = ("agreement_of_detectors", "ceiling_by_detectors")
 def ceilings(
     results: pd.DataFrame, left_out: pd.DataFrame | None = None, axes: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Spearman's rho that a surrogate without error or noise is expected to reach.
+    """Compute Spearman's rho that a surrogate without error or noise is expected to reach.
 
     By what the metric's means are unsure of (docs/statistics.md): seeds, of which two agree by
     ICC(3) where all placements have the same, elsewhere by ICC(1); test objects, by the jackknife's
@@ -35,13 +35,14 @@ def ceilings(
     per `group_columns` with two placements or more: `n` placements; `seeds`, their mean number;
     `unit`, what was left out; agreements and ceilings by seeds, by test objects (of halves of
     these), by detectors; and `ceiling`, by seeds and objects as far as they are known, with its
-    95 % interval. NaN and "" where it cannot be known.
-    """
+    95 % interval. NaN and "" where it cannot be known."""
     keys = group_columns(axes)
     errors = _sample_errors(left_out, keys)
     rows, means = [], {}
-    for key, own in results[results["value"].notna()].groupby(keys, dropna=False, observed=True):
-        y = own.pivot(index="placement", columns="seed", values="value")
+    for key, of_group in results[results["value"].notna()].groupby(
+        keys, dropna=False, observed=True
+    ):
+        y = of_group.pivot(index="placement", columns="seed", values="value")
         if len(y) < 2:
             continue
         group = dict(zip(keys, key, strict=True))
@@ -50,8 +51,8 @@ def ceilings(
         mean, variance, degrees = without_seeds(values)
         seeds = Noise(np.isfinite(values).sum(axis=1) * 1.0, float(variance), float(degrees))
         means[key] = pd.Series(mean, y.index)
-        found = _by_noise(mean, seeds, error)
-        rows.append(group | dict(zip(_OF_NOISE, found, strict=True)))
+        estimates = _by_noise(mean, seeds, error)
+        rows.append(group | dict(zip(_OF_NOISE, estimates, strict=True)))
     table = pd.DataFrame(rows, columns=[*keys, *_OF_NOISE])
     agreements = _between_detectors(means, keys.index("detector"))
     table[_OF_DETECTORS[0]] = [agreements[key] for key in means]
@@ -60,14 +61,13 @@ def ceilings(
     return table
 
 
-def beside(
+def with_ceilings(
     correlations: pd.DataFrame, ceilings: pd.DataFrame, axes: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """`correlations` with `ceiling`, `ceiling_low` and `ceiling_high` of every row.
+    """Add `ceiling`, `ceiling_low` and `ceiling_high` to every row of `correlations`.
 
     A generalist met the same test objects as the detectors that it predicts: its ceiling is that by
-    seeds, without an interval.
-    """
+    seeds, without an interval."""
     keys, columns = group_columns(axes), ["ceiling", "ceiling_low", "ceiling_high"]
     table = correlations.merge(ceilings[[*keys, "ceiling_by_seeds", *columns]], on=keys, how="left")
     by_seeds, judged = table.pop("ceiling_by_seeds"), table["surrogate"].isin(JUDGEMENTS)
@@ -78,7 +78,7 @@ def beside(
 def _by_noise(
     means: NDArray[np.float64], seeds: Noise, error: SampleError | None
 ) -> tuple[object, ...]:
-    """What `_OF_NOISE` names, of means over seeds, shape (placements,)."""
+    """Compute the columns `_OF_NOISE` of means over seeds, shape (placements,)."""
     number = float(seeds.counts.mean())
     objects = Noise(np.ones(len(means)), np.nan, 0)
     if error is not None:
@@ -100,7 +100,7 @@ def _by_noise(
 
 
 def _without_difficulty(group: dict[str, object]) -> tuple[object, ...]:
-    """A group as `left_out` knows it; a missing value is equal to itself."""
+    """Make the key of a group in `left_out`; a missing value is equal to itself."""
     return tuple(
         None if pd.isna(value) else value  # type: ignore[call-overload]
         for key, value in group.items()
@@ -111,39 +111,38 @@ def _without_difficulty(group: dict[str, object]) -> tuple[object, ...]:
 def _sample_errors(
     left_out: pd.DataFrame | None, keys: Sequence[str]
 ) -> dict[tuple[object, ...], SampleError | None]:
-    """Of a placement against the others, by group."""
+    """Estimate the error of a placement against the others, by group."""
     if left_out is None or left_out.empty:
         return {}
-    own = [key for key in keys if key != "difficulty"]
+    columns = [key for key in keys if key != "difficulty"]
     return {
-        _without_difficulty(dict(zip(own, key, strict=True))): sample_error(rows, paired=True)
-        for key, rows in left_out.groupby(own, dropna=False, sort=False, observed=True)
+        _without_difficulty(dict(zip(columns, key, strict=True))): sample_error(rows, paired=True)
+        for key, rows in left_out.groupby(columns, dropna=False, sort=False, observed=True)
     }
 
 
 def _between_detectors(
     means: dict[tuple[object, ...], pd.Series], detector: int
 ) -> dict[tuple[object, ...], float]:
-    """Mean rho between two detectors over their common placements, by group."""
+    """Average rho between two detectors over their common placements, by group."""
     alike: dict[str, list[tuple[object, ...]]] = {}
     for key in means:
         rest = repr((*key[:detector], *key[detector + 1 :]))  # NaN differs from itself
         alike.setdefault(rest, []).append(key)
-    found: dict[tuple[object, ...], float] = {}
+    mean_rho: dict[tuple[object, ...], float] = {}
     for group in alike.values():
         pairs = [
             pd.concat([means[one], means[other]], axis=1, join="inner")
             for one, other in combinations(group, 2)
         ]
         rhos = [rank_agreement(pair.iloc[:, 0], pair.iloc[:, 1])[0] for pair in pairs]
-        found |= dict.fromkeys(group, float(np.mean(rhos)) if rhos else np.nan)
-    return found
+        mean_rho |= dict.fromkeys(group, float(np.mean(rhos)) if rhos else np.nan)
+    return mean_rho
 
 
 def ceiling(reliable: ArrayLike, coefficient: str = "spearman") -> NDArray[np.float64]:
-    """The coefficient of a metric of this reliability with what predicts it perfectly.
+    """Compute the coefficient of a metric of this reliability with what predicts it perfectly.
 
     sqrt(reliability), by attenuation (Spearman 1904), on the scale of a normal population's Pearson
-    correlation. By luck a sample may exceed it.
-    """
+    correlation. By luck a sample may exceed it."""
     return np.asarray(from_normal(np.sqrt(np.asarray(reliable, np.float64)), coefficient))

@@ -1,4 +1,4 @@
-"""How well the surrogates of a sweep's placements predicted AP and recall, also left-out ones."""
+"""Correlation of surrogates with AP and recall over placements, also with each left out."""
 
 from collections.abc import Sequence
 
@@ -44,8 +44,7 @@ def correlate(
     pearson, spearman and kendall the value, `_low`, `_high` and `_p`; `_holm`, adjusted
     family-wise, `_fdr`, by false discovery rate, and `_tests`, how many different tests both
     were adjusted for; `exact`, whether every p is from all permutations; `note`, why there is no
-    number or what to keep in mind; `pairs_tested`, rows of this table with a coefficient.
-    """
+    number or what to keep in mind; `pairs_tested`, rows of this table with a coefficient."""
     rows: list[dict[str, object]] = []
     counted_as: dict[str, list[int]] = {coefficient: [] for coefficient in COEFFICIENTS}
     for group in paired(results, surrogates, axes):
@@ -69,7 +68,7 @@ def correlate(
 def _estimates(
     group: Paired, seed: int
 ) -> tuple[dict[str, dict[str, object]], dict[str, dict[str, str]]]:
-    """The estimates of each surrogate; by coefficient, which surrogate's test each one repeats."""
+    """Estimate each surrogate; by coefficient also whose test each one repeats."""
     estimates: dict[str, dict[str, object]] = {}
     same: dict[str, dict[str, str]] = {coefficient: {} for coefficient in COEFFICIENTS}
     # Surrogates known for the same placements are done in one go.
@@ -87,7 +86,7 @@ def _estimates(
 
 
 def _block(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> list[dict[str, object]]:
-    """Estimates of each row of `x` (k, n) against the seed means of `y` (n, seeds)."""
+    """Estimate each row of `x` (k, n) against the seed means of `y` (n, seeds)."""
     n = len(y)
     seeds = np.isfinite(y).sum(axis=1)
     start: dict[str, object] = {
@@ -137,22 +136,21 @@ def _reliability(y: NDArray[np.float64]) -> float:
 def leave_one_out(
     results: pd.DataFrame, surrogates: pd.DataFrame, axes: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """Spearman's rho without each placement in turn, and the error of predicting it.
+    """Compute Spearman's rho without each placement in turn, and the error of predicting it.
 
     The rows, arguments and errors of `correlate`: `n` placements; `spearman_min` and
     `spearman_max`, the range of rho without one placement; `rmse`, in the unit of the metric, of
     predicting each placement by the straight line of the surrogate through the others, and
-    `rmse_of_mean`, by their mean. NaN with fewer than 4 placements or a constant; see `note`.
-    """
+    `rmse_of_mean`, by their mean. NaN with fewer than 4 placements or a constant; see `note`."""
     rows: list[dict[str, object]] = []
     for group in paired(results, surrogates, axes):
-        found: dict[str, dict[str, object]] = {}
+        estimates: dict[str, dict[str, object]] = {}
         for placements, names in group.by_placements():
             y = without_seeds(group.metric.loc[placements].to_numpy(np.float64))[0]
-            known = group.surrogates.loc[placements, names].to_numpy(np.float64).T
-            found |= {name: _without_each(x, y) for name, x in zip(names, known, strict=True)}
+            values = group.surrogates.loc[placements, names].to_numpy(np.float64).T
+            estimates |= {name: _without_each(x, y) for name, x in zip(names, values, strict=True)}
         rows += [
-            {**group.group, "surrogate": name, **found[str(name)]} for name in group.surrogates
+            {**group.group, "surrogate": name, **estimates[str(name)]} for name in group.surrogates
         ]
     columns = [*group_columns(axes), "surrogate", "n", "spearman_min", "spearman_max"]
     return pd.DataFrame(rows, columns=[*columns, "rmse", "rmse_of_mean", "note"])
@@ -162,9 +160,9 @@ def _without_each(x: NDArray[np.float64], y: NDArray[np.float64]) -> dict[str, o
     n = len(y)
     if n < LEAST_PLACEMENTS:
         return {"n": n, "note": f"fewer than {LEAST_PLACEMENTS} placements"}
-    for what, values in (("the surrogate", x), ("the metric", y)):
+    for variable, values in (("the surrogate", x), ("the metric", y)):
         if np.isnan(scores(values, "pearson")).any():
-            return {"n": n, "note": f"{what} is the same for every placement"}
+            return {"n": n, "note": f"{variable} is the same for every placement"}
     others = np.arange(n - 1) + (np.arange(n - 1) >= np.arange(n)[:, None])
     rho = (scores(x[others], "spearman") * scores(y[others], "spearman")).sum(axis=1)
     rho = rho[np.isfinite(rho)]

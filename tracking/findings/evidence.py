@@ -1,4 +1,4 @@
-"""How weak the evidence of a comparison of placements is, and what to run for more of it."""
+"""Weaknesses of the evidence in a comparison of placements, and what to run against them."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -9,21 +9,23 @@ import pandas as pd
 
 from lidarplace.base.metrics import HEADLINE_METRIC
 from lidarplace.command_line.invocation import with_settings
+from lidarplace.configuration.renamed_keys import with_current_keys
 from lidarplace.configuration.yaml import parse_yaml
 from lidarplace.pog.surrogates.evaluate import MOSTLY_LINEAR
-from tracking.findings.groups import ONE_FOR_ALL, Group
+from tracking.findings.groups import EVALUATOR, ONE_FOR_ALL, Group
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
-from tracking.kitti_iou import headline_iou, judged
+from tracking.kitti_iou import at_headline_iou, headline_iou
 from tracking.labels import metric_label, some
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.jackknife import LEAST_ROUTES
 
 LEAST_SEEDS = 3
-"""Two scatter by a single difference, whose size says next to nothing of the next one."""
+"""Least number of seeds: two scatter by a single difference, which says little of the next one."""
 LEAST_INDIVIDUALS = 100
-"""Of a class in the test frames. If an individual is found in all of its frames or in none, the
-chance of which ones were met moves a recall of 50 % by 10 points to either side (95 %) with 100 of
-them, and by 17 with 34."""
+"""Least number of individuals of a class in the test frames.
+
+If an individual is found in all of its frames or in none, the chance of which ones were met moves
+a recall of 50 % by 10 points to either side (95 %) with 100 of them, and by 17 with 34."""
 LEAST_AP = 5.0
 """Percent of the headline's AP; below it everywhere, differences between placements say nothing."""
 STILL_FALLING = 0.05  # share of the loss of the epoch before that the last epoch still took off
@@ -32,14 +34,14 @@ MOST_TIMES = 10.0  # a training is not suggested to be longer by more
 
 @dataclass(frozen=True)
 class Weakness:
-    """Why a comparison of placements is not sufficient evidence: what is lacking, a word.
+    """Reason why a comparison of placements is not sufficient evidence.
 
     Attributes:
+        kind: what is lacking, a word.
         classes: whose headlines it weakens; "all" is that of the recall of all objects.
         clause, sentence: what is lacking, for a headline; and what follows, for a list.
         shortfall: how many times as much it takes, above 1.
-        remedy: key path of the configuration -> value that removes it.
-    """
+        remedy: key path of the configuration -> value that removes it."""
 
     kind: str
     classes: tuple[str, ...]
@@ -50,83 +52,95 @@ class Weakness:
 
 
 def weaknesses(run: RunFolder, group: Group) -> list[Weakness]:
-    """Those of the headlines of a group, the heaviest first."""
+    """List the weaknesses of the headlines of a group, the heaviest first."""
     kinds = (_few_seeds, _few_test_objects, _learned_little, _short_training)
-    found = [own for find in kinds for own in find(run, group)]
-    return sorted(found, key=lambda own: -own.shortfall)
+    every = [weakness for find in kinds for weakness in find(run, group)]
+    return sorted(every, key=lambda weakness: -weakness.shortfall)
 
 
-def grade(found: Iterable[Weakness]) -> str:
-    """The two kinds of weaknesses that weigh most, a sentence; "" without any."""
+def grade(weaknesses: Iterable[Weakness]) -> str:
+    """Name the two kinds of weaknesses that weigh most, a sentence; "" without any."""
     worst: dict[str, str] = {}
-    for weakness in sorted(found, key=lambda own: -own.shortfall):
+    for weakness in sorted(weaknesses, key=lambda weakness: -weakness.shortfall):
         worst.setdefault(weakness.kind, weakness.clause)
     return f"Not enough evidence: {' and '.join([*worst.values()][:2])}." if worst else ""
 
 
-def remedy(command: str, found: Sequence[Weakness]) -> str:
-    """The line that ran the sweep or search, with keys that remove them; "" without any."""
-    keys = dict.fromkeys(key for weakness in found for key in weakness.remedy)
-    most = {key: max(own.remedy[key] for own in found if key in own.remedy) for key in keys}
+def remedy(command: str, weaknesses: Sequence[Weakness]) -> str:
+    """Add keys that remove weaknesses to the line that ran the sweep or search; "" without any."""
+    keys = dict.fromkeys(key for weakness in weaknesses for key in weakness.remedy)
+    most = {
+        key: max(weakness.remedy[key] for weakness in weaknesses if key in weakness.remedy)
+        for key in keys
+    }
     return with_settings(command, most) if most else ""
 
 
 def value_at(config: str, *keys: str) -> Any:
-    """What a configuration, YAML, has below these keys; None: nothing. Raises YamlError."""
+    """Look up the value below these keys of a configuration in YAML; None if there is none.
+
+    Raises YamlError."""
     value = parse_yaml(config)
     for key in keys:
-        value = value.get(key) if isinstance(value, dict) else None
+        value = with_current_keys(value).get(key) if isinstance(value, dict) else None
     return value
 
 
 def few_seeds(
     seeds: Mapping[str, set[int]], generalist: bool, key: str, classes: tuple[str, ...] = ()
 ) -> list[Weakness]:
-    """[] or that of placements, one of which fewer `seeds` than `LEAST_SEEDS` judged. `generalist`:
-    a seed is one detector for all placements; `key` is the path of the configuration."""
+    """Report placements that fewer seeds than `LEAST_SEEDS` judged; [] if there are none.
+
+    `seeds` are by placement. `generalist`: a seed is one detector for all placements; `key` is the
+    path of the configuration."""
     fewest = min(map(len, seeds.values()), default=LEAST_SEEDS)
     if fewest >= LEAST_SEEDS:
         return []
     one = "generalist" if generalist else "seed"
-    few = [name for name, own in seeds.items() if len(own) == fewest]
+    few = [name for name, numbers in seeds.items() if len(numbers) == fewest]
     of = "" if len(few) == len(seeds) else f" only for {some(few)}"
-    said = {
+    consequence = {
         (1, False): f"One seed{of}: differences between placements may be training noise.",
         (1, True): f"One generalist{of}: another one may rank the placements otherwise; no "
         "interval has that.",
     }.get((fewest, generalist), f"Two {one}s{of}: the spread over {one}s is itself uncertain.")
-    known = sorted(set().union(*seeds.values()))
-    more = range(max(known) + 1, max(known) + LEAST_SEEDS)
+    every_seed = sorted(set().union(*seeds.values()))
+    more = range(max(every_seed) + 1, max(every_seed) + LEAST_SEEDS)
     return [
         Weakness(
             "seeds",
             classes,
             f"only {fewest} {one}{'s' * (fewest > 1)} (at least {LEAST_SEEDS})",
-            said,
+            consequence,
             LEAST_SEEDS / fewest,
-            {key: [*known, *more][: max(LEAST_SEEDS, len(known))]},
+            {key: [*every_seed, *more][: max(LEAST_SEEDS, len(every_seed))]},
         )
     ]
 
 
 def _few_seeds(run: RunFolder, group: Group) -> list[Weakness]:
-    known = group.of(run.results).dropna(subset=["value"])
-    by_rig = known.groupby("placement", sort=False)["seed"]
+    values = group.of(run.results).dropna(subset=["value"])
+    by_rig = values.groupby("placement", sort=False)["seed"]
     seeds = {str(name): set(numbers) for name, numbers in by_rig}
-    found = few_seeds(seeds, group.judge in ONE_FOR_ALL, "grid.seed", (*run.classes, "all"))
-    judges = [value_at(run.config, "judge"), *(value_at(run.config, "grid", "judge") or ())]
-    commands = [judge.get("command", "") for judge in judges if isinstance(judge, dict)]
-    if not all("{seed}" in command for command in commands):  # it evaluates a placement only once
-        more = " Name {seed} in judge.command to train it again."
-        found = [replace(few, sentence=few.sentence + more, remedy={}) for few in found]
-    if group.judge == ONE_FOR_ALL[1]:  # there is one; generalists of the sweep's own can be several
-        own = _set(run, "judge", ONE_FOR_ALL[0])
-        found = [replace(weakness, remedy={**own, **weakness.remedy}) for weakness in found]
-    return found
+    few = few_seeds(seeds, group.evaluator in ONE_FOR_ALL, "grid.seed", (*run.classes, "all"))
+    evaluators = [value_at(run.config, EVALUATOR), *(value_at(run.config, "grid", EVALUATOR) or ())]
+    commands = {
+        own.get("name", "command"): own.get("command", "")
+        for own in evaluators
+        if isinstance(own, dict)
+    }
+    if "{seed}" not in commands.get(group.evaluator, "{seed}"):  # evaluated only once
+        more = " Name {seed} in evaluator.command to train it again."
+        few = [replace(weakness, sentence=weakness.sentence + more, remedy={}) for weakness in few]
+    # There is one pretrained generalist; generalists of the sweep's own can be several.
+    if group.evaluator == ONE_FOR_ALL[1]:
+        generalists = _set(run, EVALUATOR, ONE_FOR_ALL[0])
+        few = [replace(weakness, remedy={**generalists, **weakness.remedy}) for weakness in few]
+    return few
 
 
 def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
-    """Few individuals or routes in the test frames, or an unknown number."""
+    """Report few individuals or routes in the test frames, or an unknown number."""
     if run.left_out is None:
         yield Weakness(
             "unknown",
@@ -175,8 +189,8 @@ def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
 
 def _learned_little(run: RunFolder, group: Group) -> Iterator[Weakness]:
     for name in run.classes:
-        own = judged(group.of(run.results), run.results, name)
-        most = own.groupby("placement")["value"].mean().max()
+        of_class = at_headline_iou(group.of(run.results), run.results, name)
+        most = of_class.groupby("placement")["value"].mean().max()
         if most < LEAST_AP:
             metric = metric_label(HEADLINE_METRIC, headline_iou(run.results, name))
             times = LEAST_AP / most if most > 0 else math.inf
@@ -192,9 +206,9 @@ def _learned_little(run: RunFolder, group: Group) -> Iterator[Weakness]:
 
 
 def _short_training(run: RunFolder, group: Group) -> Iterator[Weakness]:
-    """Training that was still learning when it ended: a longer one may rank otherwise."""
+    """Report trainings that were still learning when they ended: longer ones may rank otherwise."""
     loss = _losses(run, group)
-    ends = [own["value"].tolist()[-2:] for _, own in loss.groupby("trial", sort=False)]
+    ends = [of_trial["value"].tolist()[-2:] for _, of_trial in loss.groupby("trial", sort=False)]
     fell = [1 - end[1] / end[0] for end in ends if len(end) == 2 and end[0] > 0]
     still = [share for share in fell if share > STILL_FALLING]
     if still:
@@ -214,17 +228,17 @@ def _short_training(run: RunFolder, group: Group) -> Iterator[Weakness]:
 
 
 def _losses(run: RunFolder, group: Group) -> pd.DataFrame:
-    """By trial and epoch; none where the curves are not known."""
+    """Select the losses by trial and epoch; none where the curves are not known."""
     if run.curves is None or run.curves.empty:
         return pd.DataFrame(columns=["trial", "epoch", "value"])
     trials = group.of(run.trials)["trial"]
-    own = run.curves[(run.curves["metric"] == "loss") & run.curves["trial"].isin(trials)]
-    return own.sort_values("epoch")
+    losses = run.curves[(run.curves["metric"] == "loss") & run.curves["trial"].isin(trials)]
+    return losses.sort_values("epoch")
 
 
 def _longer(run: RunFolder, group: Group, times: float) -> dict[str, Any]:
     epochs = _losses(run, group)["epoch"].max()
-    key = "generalist.epochs" if group.judge in ONE_FOR_ALL else "training.epochs"
+    key = "generalist.epochs" if group.evaluator in ONE_FOR_ALL else "training.epochs"
     most = min(max(times, 2.0), MOST_TIMES)
     return {} if pd.isna(epochs) else _set(run, key, math.ceil(epochs * most))
 
@@ -243,12 +257,12 @@ def _tests_on_a_log(run: RunFolder) -> bool:
 
 
 def _set(run: RunFolder, key: str, value: int | str) -> dict[str, Any]:
-    """A key, or the axis of the grid that it is."""
+    """Set a key, or the axis of the grid that it is."""
     return {f"grid.{key}": [value]} if key in run.axes else {key: value}
 
 
 def ray_counting_caution(share: float) -> list[str]:
-    """What to know about `expected_ig` of this `linear_share`: [] or a sentence."""
+    """Warn if `expected_ig` of this `linear_share` mostly counts rays: [] or a sentence."""
     if not share > MOSTLY_LINEAR:
         return []
     return [
@@ -260,5 +274,7 @@ def ray_counting_caution(share: float) -> list[str]:
 
 
 def largest_linear_share(surrogates: pd.DataFrame) -> float:
-    """Of `surrogates.parquet`; NaN if there is no `expected_ig`, and of older run folders."""
+    """Return the largest `linear_share` of `surrogates.parquet`.
+
+    NaN if there is no `expected_ig`, and of older run folders."""
     return float(surrogates.get("linear_share", pd.Series(dtype="float64")).max())

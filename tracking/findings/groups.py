@@ -1,4 +1,4 @@
-"""The parts of a sweep within which placements can be compared, its rigs and requirements."""
+"""Groups of a sweep within which placements can be compared, its rigs and requirements."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -10,8 +10,8 @@ from lidarplace.requirements.tables import worst_cases
 from tracking.labels import detector_label, setting_label
 from tracking.run_folders.sweep import RunFolder
 
-JUDGE = "judge"  # the axis over who judges placements
-ONE_FOR_ALL = ("generalist", "pretrained")  # the judges that are one detector for all placements
+EVALUATOR = "evaluator"  # the axis over what evaluates placements
+ONE_FOR_ALL = ("generalist", "pretrained")  # evaluators that are one detector for all placements
 MOST_NAMES = 24  # of placements in one sentence
 
 
@@ -20,13 +20,14 @@ class Group:
     """One detector, "" for surrogates alone, at one setting of the further axes, by key path.
 
     Attributes:
-        judge: which detector evaluates its placements, see `judge` of the configuration.
-        varies: whether the sweep has other groups, so that a title must name this one.
-    """
+        detector: name of the detector.
+        setting: value of each further axis.
+        evaluator: which detector evaluates its placements, see `evaluator` of the configuration.
+        varies: whether the sweep has other groups, so that a title must name this one."""
 
     detector: str
     setting: dict[str, Any]
-    judge: str
+    evaluator: str
     varies: bool
 
     @property
@@ -36,20 +37,20 @@ class Group:
 
     @property
     def place(self) -> dict[str, Any]:
-        """The detector and the setting, by column."""
+        """Detector and setting, by column."""
         return {"detector": self.detector, **self.setting}
 
     def label(self, name: str) -> str:
-        """A name, and behind it the title where the sweep has other groups."""
+        """Add the title to a name where the sweep has other groups."""
         return f"{name} · {self.title}" if self.varies else name
 
     def of(self, table: pd.DataFrame) -> pd.DataFrame:
-        """The rows of `table` that belong to this group, by those of its columns that apply."""
+        """Select the rows of `table` that belong to this group, by those columns that apply."""
         return at(table, self.place)
 
 
 def at(table: pd.DataFrame, place: Mapping[Any, Any]) -> pd.DataFrame:
-    """The rows of `table` with the values of `place`, by those of its columns that apply."""
+    """Select the rows of `table` with the values of `place`, by those of its columns that apply."""
     for axis, value in place.items():
         if axis in table:
             table = table[table[axis].isna() if pd.isna(value) else table[axis] == value]
@@ -57,19 +58,19 @@ def at(table: pd.DataFrame, place: Mapping[Any, Any]) -> pd.DataFrame:
 
 
 def has_detectors(run: RunFolder) -> bool:
-    """Whether the sweep trains detectors: there are sweeps of surrogates alone."""
+    """Tell whether the sweep trains detectors; there are sweeps of surrogates alone."""
     return bool((run.trials["detector"] != "").any())
 
 
 def pictured(run: RunFolder) -> str:
-    """Of which setting maps, frames and clouds are, "at density = 40"; "" where there is one."""
-    known = {a: v for a, v in run.sweep.pictured.items() if a in run.surrogates.columns}
-    varied = {a: v for a, v in known.items() if run.surrogates[a].nunique() > 1}
+    """Name the setting of maps, frames and clouds, "at density = 40"; "" where there is one."""
+    values = {a: v for a, v in run.sweep.pictured.items() if a in run.surrogates.columns}
+    varied = {a: v for a, v in values.items() if run.surrogates[a].nunique() > 1}
     return f"at {setting_label(varied, varied)}" if varied else ""
 
 
 def studied(run: RunFolder, table: pd.DataFrame) -> list[str]:
-    """Says of which placements `table` is, if it is not of all: [] or one sentence."""
+    """Say which placements `table` covers, if these are not all: [] or one sentence."""
     of = set(table["placement"])
     names = [name for name in run.placements if name in of]
     if len(names) == len(run.placements):
@@ -82,26 +83,31 @@ def studied(run: RunFolder, table: pd.DataFrame) -> list[str]:
 
 
 def by_setting(table: pd.DataFrame, axes: Sequence[str]) -> Iterator[tuple[str, pd.DataFrame]]:
-    """The parts of `table` with equal further axes, with a title; all of it if there are none."""
-    own = [axis for axis in axes if axis in table.columns]
-    for values, part in table.groupby(own, sort=False, dropna=False) if own else [((), table)]:
-        yield setting_label(own, dict(zip(own, values, strict=True))), part
+    """Split `table` by its further axes, with a title for each part; one part if there are none."""
+    columns = [axis for axis in axes if axis in table.columns]
+    for values, part in (
+        table.groupby(columns, sort=False, dropna=False) if columns else [((), table)]
+    ):
+        yield setting_label(columns, dict(zip(columns, values, strict=True))), part
 
 
 def groups(run: RunFolder) -> Iterator[Group]:
-    """All groups with a result, in the order of the results; without any, those of surrogates."""
+    """Yield all groups with a result in the order of results; without any, those of surrogates."""
     table = run.surrogates.assign(detector="") if run.results.empty else run.results
-    own = [axis for axis in run.axes if axis in table.columns]
-    found = table[["detector", *own]].drop_duplicates().to_dict("records")
-    for row in found:
+    columns = [axis for axis in run.axes if axis in table.columns]
+    places = table[["detector", *columns]].drop_duplicates().to_dict("records")
+    for row in places:
         detector = str(row.pop("detector"))
         setting = {str(axis): value for axis, value in row.items()}
-        yield Group(detector, setting, str(setting.get(JUDGE, run.sweep.judge)), len(found) > 1)
+        yield Group(
+            detector, setting, str(setting.get(EVALUATOR, run.sweep.evaluator)), len(places) > 1
+        )
 
 
-def verdicts(run: RunFolder, setting: Mapping[str, object]) -> pd.DataFrame:
-    """The worst case of each requirement under each placement at one setting of the axes, by
-    `lidarplace.requirements.tables.worst_cases`; none if nothing was required."""
+def worst_requirements(run: RunFolder, setting: Mapping[str, object]) -> pd.DataFrame:
+    """Find the worst case of each requirement under each placement at one setting of the axes.
+
+    Rows of `lidarplace.requirements.tables.worst_cases`; none if nothing was required."""
     cases = run.requirements
     if cases is None or cases.empty:
         return pd.DataFrame(columns=["placement", "requirement", "met"])
@@ -109,40 +115,42 @@ def verdicts(run: RunFolder, setting: Mapping[str, object]) -> pd.DataFrame:
 
 
 def met(verdicts: pd.DataFrame) -> pd.Series:
-    """How many requirements each placement meets, by its name, such as "3 of 5"."""
+    """Count the requirements that each placement meets, by its name, such as "3 of 5"."""
     by_rig = verdicts.groupby("placement", sort=False)["met"]
     return by_rig.sum().astype(str) + " of " + by_rig.size().astype(str)
 
 
 def copies(run: RunFolder) -> dict[str, str]:
-    """Placements with the mounts and the surrogates of an earlier one -> the earlier one. Equal
-    mounts alone may carry different LiDARs, whose surrogates then differ."""
-    seen: dict[object, str] = {}
-    found = {}
+    """Map placements with the mounts and the surrogates of an earlier one to that one.
+
+    Equal mounts alone may carry different LiDARs, whose surrogates then differ."""
+    first_by_rig: dict[object, str] = {}
+    first_by_name = {}
     for name, mounts in run.placements.items():
-        own = run.surrogates[run.surrogates["placement"] == name]
-        if own.empty:  # its LiDARs are unknown
+        of_rig = run.surrogates[run.surrogates["placement"] == name]
+        if of_rig.empty:  # its LiDARs are unknown
             continue
-        values = own.drop(columns=["placement", "seconds"], errors="ignore").astype(str)
-        same = (mounts, tuple(sorted(values.itertuples(index=False, name=None))))
-        if (first := seen.setdefault(same, name)) != name:
-            found[name] = first
-    return found
+        values = of_rig.drop(columns=["placement", "seconds"], errors="ignore").astype(str)
+        same = (mounts, tuple(sorted(values.itertuples(index=False, name=None), key=repr)))
+        if (first := first_by_rig.setdefault(same, name)) != name:
+            first_by_name[name] = first
+    return first_by_name
 
 
 def without(run: RunFolder, names: set[str]) -> RunFolder:
-    """The run as if these placements had not been in it. Equal rigs are no two draws: counted twice
-    they would make a correlation look surer."""
+    """Remove placements from a run.
+
+    Equal rigs are no two draws: counted twice they would make a correlation look surer."""
     if not names:
         return run
     trials = run.trials.loc[run.trials["placement"].isin(names), "trial"]
     gone = {"placement": names, "trial": set(trials)}
-    kept: dict[str, Any] = {}
+    tables: dict[str, Any] = {}
     for field in fields(run):
         table = getattr(run, field.name)
         if isinstance(table, pd.DataFrame):
             key = next((key for key in gone if key in table.columns), None)
             if key is not None:
-                kept[field.name] = table[~table[key].isin(gone[key])].reset_index(drop=True)
+                tables[field.name] = table[~table[key].isin(gone[key])].reset_index(drop=True)
     placements = {name: rig for name, rig in run.placements.items() if name not in names}
-    return replace(run, placements=placements, **kept)
+    return replace(run, placements=placements, **tables)

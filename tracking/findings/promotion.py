@@ -1,5 +1,4 @@
-"""Placements that were promoted: by rungs of cheap stages to a full training; what that risked, and
-what it saved."""
+"""Promotion from cheap stages to a full training: what it risked and what it saved."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -23,16 +22,16 @@ FULL_TRAINING = "full training"  # the stage after the last rung
 
 @dataclass(frozen=True)
 class Promoted:
-    """The rungs and the full trainings of one detector at one setting of the further axes.
+    """Rungs and full trainings of one detector at one setting of the further axes.
 
     Attributes:
+        title: detector and setting.
         stages: what each rung ranked by, "rung 1: expected IG (Car)"; FULL_TRAINING is the last.
         rungs: rows of `promotions.parquet`.
         trials: the full trainings that finished, rows of `trials.parquet`.
         seeds: how many seeds of the full trainings were planned.
         ap: by placement, mean over seeds of the headline AP after full training, percent; of the
-            class of the last rung, for "all" the mean over classes.
-    """
+            class of the last rung, for "all" the mean over classes."""
 
     title: str
     stages: tuple[str, ...]
@@ -43,19 +42,20 @@ class Promoted:
 
     @property
     def placements(self) -> int:
-        """Placements that the first rung ranked."""
+        """Number of placements that the first rung ranked."""
         return int((self.rungs["rung"] == self.rungs["rung"].min()).sum())
 
 
 def fully_trained(run: RunFolder) -> RunFolder:
-    """The run as if no training had been a shorter one."""
+    """Keep the results of the longest trainings alone."""
     full = is_full(run.results, run.axes, run.sweep.promote)
     return replace(run, results=run.results[full])
 
 
 def is_full(table: pd.DataFrame, axes: Sequence[str], rungs: Sequence[Rung] = ()) -> pd.Series:
-    """Whether each row of trials or results belongs to the longest training and to none that a rung
-    of `promote` shortened."""
+    """Tell of each row whether it is of the longest training, which no rung shortened.
+
+    `table` are trials or results, `rungs` those of `promote`."""
     full = is_longest(table, axes)
     for rung in rungs:
         setting = {k: v for k, v in rung.set.items() if k in table and table[k].nunique() > 1}
@@ -65,25 +65,25 @@ def is_full(table: pd.DataFrame, axes: Sequence[str], rungs: Sequence[Rung] = ()
 
 
 def _cell(value: object) -> object:
-    """A value of the configuration as it stands in a table."""
+    """Convert a value of the configuration to the cell of a table."""
     return value if isinstance(value, (int, float, str)) else json.dumps(value)
 
 
 def promoted(run: RunFolder) -> Iterator[Promoted]:
-    """The groups of `run.promotions`, in its order; `run` has the short trainings, too."""
+    """Yield the groups of `run.promotions`, in its order; `run` has the short trainings, too."""
     promotions, trials, results, axes = run.promotions, run.trials, run.results, run.axes
     if promotions is None:
         return
     full_trials = trials[is_full(trials, axes, run.sweep.promote) & (trials["detector"] != "")]
-    own = [axis for axis in axes if axis in promotions.columns]
-    for values, part in promotions.groupby(["detector", *own], dropna=False, sort=False):
-        place = dict(zip(("detector", *own), values, strict=True))
+    columns = [axis for axis in axes if axis in promotions.columns]
+    for values, part in promotions.groupby(["detector", *columns], dropna=False, sort=False):
+        place = dict(zip(("detector", *columns), values, strict=True))
         planned = at(full_trials, place)
         finished = planned[planned["status"] == "finished"]
         part = part.sort_values(["rung", "rank"], kind="stable")
         of_full = results[results["trial"].isin(finished["trial"])]
         yield Promoted(
-            title=detector_label(own, place),
+            title=detector_label(columns, place),
             stages=(*_stage_names(part, results), FULL_TRAINING),
             rungs=part,
             trials=finished,
@@ -93,13 +93,19 @@ def promoted(run: RunFolder) -> Iterator[Promoted]:
 
 
 def _headline_ap(results: pd.DataFrame, object_class: str) -> pd.Series:
-    """Mean AP over seeds by placement; for "all" the mean over the classes with ground truth."""
+    """Average AP over seeds by placement; for "all" the mean over the classes with ground truth."""
     names = results["class"].unique() if object_class == "all" else [object_class]
     iou = {name: headline_iou(results, str(name)) for name in names}
-    own = results[
+    headline = results[
         (results["metric"] == HEADLINE_METRIC) & (results["iou"] == results["class"].map(iou))
     ]
-    return own.groupby(["placement", "class"])["value"].mean().groupby("placement").mean().dropna()
+    return (
+        headline.groupby(["placement", "class"])["value"]
+        .mean()
+        .groupby("placement")
+        .mean()
+        .dropna()
+    )
 
 
 def _stage_names(rungs: pd.DataFrame, results: pd.DataFrame) -> Iterator[str]:
@@ -113,8 +119,9 @@ def _stage_names(rungs: pd.DataFrame, results: pd.DataFrame) -> Iterator[str]:
 
 
 def stage_ranks(group: Promoted) -> pd.DataFrame:
-    """Rank of every placement, 1 the best: a row a placement, a column a rung, the last one the
-    full training. NaN where a placement did not come that far or has no value."""
+    """Rank every placement, 1 the best: a column a rung, the last the full training.
+
+    NaN where a placement did not come that far or has no value."""
     ranks = group.rungs.pivot(index="placement", columns="rung", values="rank").astype("float64")
     valued = group.rungs.pivot(index="placement", columns="rung", values="value").notna()
     ranks = ranks.where(valued).reindex(group.rungs["placement"].unique())
@@ -123,15 +130,14 @@ def stage_ranks(group: Promoted) -> pd.DataFrame:
 
 
 def stages(group: Promoted) -> pd.DataFrame:
-    """What every stage cost, and how it ranked the placements that were trained in full.
+    """Compute what every stage cost, and how it ranked the placements that were trained in full.
 
     One row a stage: stage; placements; without_value; kept, 0 for the full training; seconds,
     of all of its tasks; seconds_each, the mean over placements, of the full training with all
     seeds of one. Of rungs, where a full training finished: n placements with both; spearman,
-    its two-sided spearman_p (see `_p_value`) and kendall; ranked, how many the rung ranked;
+    its two-sided spearman_p (see `permutation_p`) and kendall; ranked, how many the rung ranked;
     best_rank, its rank of the best after full training; first, what it ranks highest of the n;
-    regret, AP that the first is below the best.
-    """
+    regret, AP that the first is below the best."""
     rungs = group.rungs.assign(without_value=group.rungs["value"].isna()).groupby("rung")
     table = rungs.agg(
         placements=("placement", "size"),
@@ -161,39 +167,38 @@ _AGREEMENT = ("n", "spearman", "spearman_p", "kendall", "ranked", "best_rank", "
 
 
 def _agreement(ranks: pd.Series, ap: pd.Series) -> dict[str, object]:
-    """`_AGREEMENT` of the ranks of a rung with AP after full training."""
-    known = ranks.dropna()
-    both = known[known.index.isin(ap.index)]
+    """Compare the ranks of a rung with AP after full training: columns `_AGREEMENT`."""
+    ranked = ranks.dropna()
+    both = ranked[ranked.index.isin(ap.index)]
     if both.empty:
         return {}
-    own = ap[both.index]
-    later = own.rank(ascending=False, method="min")
+    ap_of_both = ap[both.index]
+    later = ap_of_both.rank(ascending=False, method="min")
     rho, tau = rank_agreement(both, later)
-    best, first = str(own.idxmax()), str(both.idxmin())
-    lost = own[best] - own[first]
+    best, first = str(ap_of_both.idxmax()), str(both.idxmin())
+    lost = ap_of_both[best] - ap_of_both[first]
     a, b = both.to_numpy().astype(np.float64), later.to_numpy().astype(np.float64)
     p = np.nan if np.isnan(rho) else permutation_p(a[None], b, "spearman")[0]
-    found = len(both), rho, p, tau, len(known), known[best], first, lost
-    return dict(zip(_AGREEMENT, found, strict=True))
+    row = len(both), rho, p, tau, len(ranked), ranked[best], first, lost
+    return dict(zip(_AGREEMENT, row, strict=True))
 
 
 def savings(group: Promoted) -> dict[str, float]:
-    """Seconds that promotion spent, against full trainings of all placements.
+    """Compare the seconds that promotion spent with full trainings of all placements.
 
     Without it every placement of the first rung would have had the surrogates of all surrogate
     rungs and a full training for every seed, at the mean seconds of those that were done; clouds
     are not counted. Keys surrogates, short and full, their sum spent; without, NaN if no full
-    training finished; saved, without less spent.
-    """
+    training finished; saved, without less spent."""
     of_surrogates = group.rungs["setting"] == ""
     seconds = group.rungs.loc[of_surrogates].groupby("rung")["seconds"]
-    found = {
+    seconds_of_kind = {
         "surrogates": seconds.sum().sum(),
         "short": group.rungs.loc[~of_surrogates, "seconds"].sum(),
         "full": group.trials["seconds"].sum(),
     }
-    spent = sum(found.values())
+    spent = sum(seconds_of_kind.values())
     without = group.placements * (
         seconds.mean().sum() + group.trials["seconds"].mean() * group.seeds
     )
-    return {**found, "spent": spent, "without": without, "saved": without - spent}
+    return {**seconds_of_kind, "spent": spent, "without": without, "saved": without - spent}

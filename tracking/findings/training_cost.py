@@ -1,4 +1,4 @@
-"""What shorter trainings and fewer frames cost in AP."""
+"""Cost in AP of shorter trainings and fewer frames."""
 
 from collections.abc import Sequence
 
@@ -13,59 +13,69 @@ COST_AXES = ("training.epochs", "training.frame_share")
 
 
 def varied_cost_axes(results: pd.DataFrame) -> tuple[str, ...]:
-    """Those of COST_AXES that the sweep varies."""
+    """Name the axes of `COST_AXES` that the sweep varies."""
     return tuple(axis for axis in COST_AXES if axis in results and results[axis].nunique() > 1)
 
 
 def is_longest(results: pd.DataFrame, axes: Sequence[str]) -> pd.Series:
-    """Whether each row belongs to the longest training of its detector and setting of other axes.
-    It has most epochs × share of the frames; of equal ones that of more different frames."""
-    own = [axis for axis in COST_AXES if axis in results]
-    keys = [results[key] for key in ("detector", *(axis for axis in axes if axis not in own))]
+    """Tell of each row whether it belongs to the longest training of its detector and setting.
+
+    The setting is that of other axes. The longest has most epochs × share of the frames; of equal
+    ones that of more different frames."""
+    cost_axes = [axis for axis in COST_AXES if axis in results]
+    keys = [results[key] for key in ("detector", *(axis for axis in axes if axis not in cost_axes))]
     longest = pd.Series(True, index=results.index)
-    for amount in (results[own].prod(axis=1), *(results[axis] for axis in reversed(own))):
+    for amount in (
+        results[cost_axes].prod(axis=1),
+        *(results[axis] for axis in reversed(cost_axes)),
+    ):
         rest = amount.where(longest)
         longest &= rest == rest.groupby(keys, dropna=False).transform("max")
     return longest
 
 
 def training_cost(results: pd.DataFrame, curves: pd.DataFrame, axes: Sequence[str]) -> pd.DataFrame:
-    """AP of every trial against the longest training of its placement, detector and seed.
+    """Compare AP of every trial with the longest training of its placement, detector and seed.
 
     One row a trial and class with AP: trial, placement, detector, seed, axes, class, iou, ap
     (percent); seconds, of all its epochs; reference, whether it is the longest training;
-    reference_ap, and error, reference_ap less ap: NaN where the longest training failed.
-    """
+    reference_ap, and error, reference_ap less ap: NaN where the longest training failed."""
     iou = {name: headline_iou(results, name) for name in results["class"].unique()}
-    own = results[
+    results_of_ap = results[
         (results["metric"] == HEADLINE_METRIC) & (results["iou"] == results["class"].map(iou))
     ]
-    own = own.dropna(subset="value").rename(columns={"value": "ap"})
+    results_of_ap = results_of_ap.dropna(subset="value").rename(columns={"value": "ap"})
     spent = curves[curves["metric"] == "seconds"].groupby("trial")["value"].sum()
     # A first epoch that also compiled is as long as it was: that is what a user waits for.
-    own["seconds"] = own["trial"].map(spent)
-    own["reference"] = is_longest(own, axes)
+    results_of_ap["seconds"] = results_of_ap["trial"].map(spent)
+    results_of_ap["reference"] = is_longest(results_of_ap, axes)
     same = ["placement", "detector", "seed", *(a for a in axes if a not in COST_AXES), "class"]
-    reference = own.loc[own["reference"], [*same, "ap"]].rename(columns={"ap": "reference_ap"})
-    table = own.merge(reference, on=same, how="left")
+    reference = results_of_ap.loc[results_of_ap["reference"], [*same, "ap"]].rename(
+        columns={"ap": "reference_ap"}
+    )
+    table = results_of_ap.merge(reference, on=same, how="left")
     table["error"] = table["reference_ap"] - table["ap"]
     columns = ["trial", "placement", "detector", "seed", *axes, "class", "iou", "ap", "seconds"]
     return table[[*columns, "reference", "reference_ap", "error"]]
 
 
 def summarise_cost(cost: pd.DataFrame, axes: Sequence[str]) -> pd.DataFrame:
-    """One row per class, detector and setting of the axes, the longest training first.
+    """Summarise the cost per class, detector and setting of the axes, the longest training first.
 
     Medians of seconds, means of AP and error with its sd over placements and seeds; kendall, the
-    rank agreement of the placements' means with the longest training.
-    """
+    rank agreement of the placements' means with the longest training."""
     rows, keys = [], ["class", "detector", *axes]
-    for key, own in cost.groupby(keys, sort=False, dropna=False):
-        means = own.groupby("placement")[["ap", "reference_ap"]].mean().dropna()
-        of_error = (own["error"].mean(), own["error"].std())
+    for key, of_setting in cost.groupby(keys, sort=False, dropna=False):
+        means = of_setting.groupby("placement")[["ap", "reference_ap"]].mean().dropna()
+        of_error = (of_setting["error"].mean(), of_setting["error"].std())
         tau = rank_agreement(means["ap"], means["reference_ap"])[1]
-        measured = (len(own), own["seconds"].median(), own["ap"].mean(), *of_error)
-        rows.append((*key, *measured, tau, bool(own["reference"].all())))
+        measured = (
+            len(of_setting),
+            of_setting["seconds"].median(),
+            of_setting["ap"].mean(),
+            *of_error,
+        )
+        rows.append((*key, *measured, tau, bool(of_setting["reference"].all())))
     columns = [*keys, "trials", "seconds", "ap", "error", "error_sd", "kendall", "reference"]
     return pd.DataFrame(rows, columns=columns).sort_values(
         ["class", "detector", "seconds"], ascending=[True, True, False], ignore_index=True

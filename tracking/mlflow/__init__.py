@@ -1,1 +1,1 @@
-"""All that talks to MLflow."""
+"""MLflow: connection, runs and their content."""

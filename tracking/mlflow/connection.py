@@ -1,4 +1,4 @@
-"""A connection to MLflow that fails at once, and whether trying again makes sense."""
+"""Connection to MLflow that fails at once, and whether trying again makes sense."""
 
 import logging
 import os
@@ -20,14 +20,13 @@ from tracking.mlflow.uri import is_server, sqlite_file, sqlite_uri
 
 
 class Away(Exception):
-    """MLflow cannot be reached now; what was sent may or may not have arrived."""
+    """Failure to reach MLflow now; what was sent may or may not have arrived."""
 
 
 def connect(uri: str) -> Any:
-    """An MLflow client. Fails at once where MLflow itself would try for minutes.
+    """Open an MLflow client; fail at once where MLflow itself would try for minutes.
 
-    Raises as `is_away` says, and ValueError if a package is missing.
-    """
+    Raises as `is_away` says, and ValueError if a package is missing."""
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"
     os.environ["MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT"] = "true"
     os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
@@ -52,9 +51,8 @@ def connect(uri: str) -> Any:
 def _create(database: Path) -> None:
     """Make a SQLite database with MLflow's tables, in one step for everybody else.
 
-    MLflow makes them in many: a process that was killed on its way, or a second one that does the
-    same, would leave a database that no MLflow can open again.
-    """
+    MLflow makes them in many: a process that was killed on its way, or a second one that does
+    the same, would leave a database that no MLflow can open again."""
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
     partial = temporary(database)
@@ -79,8 +77,8 @@ def _try_database(uri: str) -> None:
     try:
         engine = sqlalchemy.create_engine(uri)
     except ModuleNotFoundError as error:
-        told = needs(error) or f"needs the package {error.name}"
-        raise InputError(told, place=public_url(uri)) from error
+        missing = needs(error) or f"needs the package {error.name}"
+        raise InputError(missing, place=public_url(uri)) from error
     try:
         sqlalchemy.inspect(engine).get_table_names()
     finally:
@@ -105,10 +103,9 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 
 
 def is_away(error: Exception, uri: str) -> bool:
-    """Whether the same call may succeed later.
+    """Tell whether the same call may succeed later.
 
-    A folder that cannot be written is not away: nobody may ever mend it, and others would wait.
-    """
+    A folder that cannot be written is not away: nobody may ever mend it, and others would wait."""
     from mlflow.exceptions import InvalidUrlException, MlflowException
     from requests import HTTPError, RequestException
     from sqlalchemy.exc import InterfaceError, OperationalError
@@ -127,14 +124,15 @@ def is_away(error: Exception, uri: str) -> bool:
 
 
 def is_busy(error: Exception) -> bool:
-    """Whether another process has a local database now."""
+    """Tell whether another process has locked a local database."""
     codes = (getattr(cause, "sqlite_errorcode", 0) & 0xFF for cause in _causes(error))
     return any(code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED) for code in codes)
 
 
 def _other_schema(revision: str, uri: str) -> str:
-    """Explain whether a newer or an older MLflow wrote a database, and how to go on. MLflow itself
-    asks for an upgrade of the database in both cases."""
+    """Explain whether a newer or an older MLflow wrote a database, and how to go on.
+
+    MLflow itself asks for an upgrade of the database in both cases."""
     import mlflow
     from alembic.script import ScriptDirectory
     from alembic.util import CommandError
@@ -150,14 +148,14 @@ def _other_schema(revision: str, uri: str) -> str:
 
 
 def is_server_error(error: Exception) -> bool:
-    """Whether the server answered 500, as it does if it cannot write an artifact (503: away)."""
+    """Tell whether the server answered 500, as if it cannot write an artifact (503: away)."""
     from urllib3.exceptions import ResponseError
 
     return reason(error) == ResponseError.SPECIFIC_ERROR.format(status_code=500)
 
 
 def is_forbidden(error: Exception) -> bool:
-    """Whether the server wants other credentials, whatever is sent."""
+    """Tell whether the server wants other credentials, whatever is sent."""
     from mlflow.exceptions import MlflowException
 
     return isinstance(error, MlflowException) and error.get_http_status_code() in (401, 403)
@@ -167,11 +165,13 @@ _SCHEMA = re.compile(r"database schema \(found version (\w+), but expected")
 
 
 def reason(error: BaseException, uri: str = "") -> str:
-    """The innermost reason in one line; `uri`: of the database that another MLflow wrote."""
+    """Return the innermost reason in one line; `uri`: of the database that another MLflow wrote."""
     *_, first = _causes(error)
-    told = " ".join(str(first).split()) or type(first).__name__
-    if schema := _SCHEMA.search(told):
+    message = " ".join(str(first).split()) or type(first).__name__
+    if schema := _SCHEMA.search(message):
         return _other_schema(schema[1], uri)
     if type(first) is sqlite3.DatabaseError:  # its subclasses are of other faults than the file's
-        told += "; restore a copy, or move the file away: the next run of the sweep fills a new one"
-    return told
+        message += (
+            "; restore a copy, or move the file away: the next run of the sweep fills a new one"
+        )
+    return message

@@ -1,4 +1,4 @@
-"""What MLflow is to have of a sweep: a parent run, and a run for every trial."""
+"""Content of a sweep's runs in MLflow: a parent run, and a run for every trial."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,7 +16,7 @@ from lidarplace.requirements.tables import worst_cases
 
 @dataclass(frozen=True)
 class ParentRun:
-    """The run of a sweep, in an experiment of its name."""
+    """Run of a sweep, in an experiment of its name."""
 
     key: str  # distinguishes this sweep from others of the experiment; the same when it is resumed
     name: str
@@ -36,8 +36,7 @@ class ParentRun:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Data that a trial was trained or tested on: a name for it, where it comes from, how much it
-    is; no copy."""
+    """Data that a trial was trained or tested on: its name, source and size; no copy."""
 
     name: str
     digest: str
@@ -48,7 +47,7 @@ class Dataset:
 
 @dataclass(frozen=True)
 class TrialRun:
-    """The run of a trial, shown as `name`, such as "line · pointpillars_tiny · seed 1"."""
+    """Run of a trial, shown as `name`, such as "line · pointpillars_tiny · seed 1"."""
 
     name: str
     params: Mapping[str, object]
@@ -60,7 +59,7 @@ class TrialRun:
     files: Sequence[Path] = ()
 
     def points(self) -> Iterator[tuple[str, int, float]]:
-        """Metric, step and value of all that is finite."""
+        """List metric, step and value of all that is finite."""
         points = [(name, 0, float(value)) for name, value in self.metrics.items()]
         if self.curve is not None:
             columns = (self.curve[name].tolist() for name in ("metric", "epoch", "value"))
@@ -70,10 +69,9 @@ class TrialRun:
 
 @dataclass(frozen=True)
 class EndedTrial:
-    """A trial that has ended, by a key that is the same when the sweep is resumed.
+    """Trial that has ended, by a key that is the same when the sweep is resumed.
 
-    `describe` is called if MLflow has not got all that its run is to hold.
-    """
+    `describe` is called if MLflow has not got all that its run is to hold."""
 
     key: str
     describe: Callable[[], TrialRun]
@@ -81,11 +79,10 @@ class EndedTrial:
 
 
 def trial_metrics(results: pd.DataFrame, surrogates: pd.DataFrame) -> dict[str, float]:
-    """Metrics of one trial by their names in MLflow: `AP_R40_3D.Car.0.70`, `mean_overlap.Car`.
+    """Name the metrics of one trial as in MLflow: `AP_R40_3D.Car.0.70`, `mean_overlap.Car`.
 
     `results` are rows of this trial; `surrogates` of its placement at its setting of the further
-    axes: `surrogate.s_mig.Car`.
-    """
+    axes: `surrogate.s_mig.Car`."""
     named = {
         f"{row['metric']}.{row['class']}"
         + ("" if row["iou"] == EVERY_IOU else f".{row['iou']:.2f}"): float(row["value"])
@@ -99,14 +96,13 @@ def trial_metrics(results: pd.DataFrame, surrogates: pd.DataFrame) -> dict[str, 
 
 
 def requirement_metrics(cases: pd.DataFrame) -> dict[str, float]:
-    """Metrics of `lidarplace.requirements.tables.case_table`, by their names in MLflow.
+    """Name metrics of `lidarplace.requirements.tables.case_table` as in MLflow.
 
     `requirement.NAME` is what there is in the worst case, in terms of what is needed: 1 is just
     enough; `requirements_failed` counts those that have less. Characters of a name that MLflow
-    takes in none are underscores.
-    """
+    takes in none are underscores."""
     worst = worst_cases(cases, [])
     shares = (worst["value"] / worst["at_least"]).tolist()
     names = (re.sub(r"[^\w .-]", "_", name) for name in worst["requirement"])
-    found = {f"requirement.{name}": share for name, share in zip(names, shares, strict=True)}
-    return found | {"requirements_failed": float((~worst["met"]).sum())}
+    by_name = {f"requirement.{name}": share for name, share in zip(names, shares, strict=True)}
+    return by_name | {"requirements_failed": float((~worst["met"]).sum())}

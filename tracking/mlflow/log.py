@@ -1,4 +1,4 @@
-"""MLflow gets what a sweep has found, in the background, however often it goes away."""
+"""Log of a sweep to MLflow in the background, however often MLflow goes away."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _AFTER_CTRL_C_S = 3.0
 
 
 class SweepLog:
-    """Makes MLflow have what a sweep has found. Only one process may do so at a time: the driver.
+    """Writer of a sweep's results to MLflow; only one process may write at a time: the driver.
 
     A thread compares the trials that have ended with the runs at MLflow, now and then and at the
     end, and writes what is missing. So a server that goes away does not hold up the sweep, and a
@@ -37,13 +37,13 @@ class SweepLog:
             log.artifact(run / "report.html")
 
     The parent is RUNNING in the `with` block, then FINISHED; FAILED after an exception, KILLED
-    after Ctrl-C. Artifacts go to `artifacts` next to the file of a `uri` of `sqlite:///FILE`, whose
-    folder is made; for other databases to `artifacts` in `folder`. `say` prints a line for the
-    user, from another thread too; `patience_s` is how long the end of the block waits in vain.
+    after Ctrl-C. Artifacts go to `artifacts` next to the file of a `uri` of `sqlite:///FILE`,
+    whose folder is made; for other databases to `artifacts` in `folder`. `say` prints a line for
+    the user, from another thread too; `patience_s` is how long the end of the block waits in
+    vain.
 
     Raises ValueError: the URI cannot hold runs. From the `with` statement: the experiment was
-    deleted, or a parameter is not what it was when the sweep began. From its end: see `hold`.
-    """
+    deleted, or a parameter is not what it was when the sweep began. From its end: see `hold`."""
 
     def __init__(
         self,
@@ -57,8 +57,8 @@ class SweepLog:
         self._uri = absolute_uri(uri)
         self._database = sqlite_file(self._uri)
         artifacts = (self._database.parent if self._database else folder) / "artifacts"
-        own = replace(parent, note=hide_secrets(parent.note, uri))
-        self._runs = SweepRuns(self._uri, own, artifacts)
+        without_secrets = replace(parent, note=hide_secrets(parent.note, uri))
+        self._runs = SweepRuns(self._uri, without_secrets, artifacts)
         self._print = say
         self._patience_s = patience_s
         self._trials: Callable[[], Iterable[EndedTrial]] = tuple
@@ -78,12 +78,12 @@ class SweepLog:
 
     @property
     def refused(self) -> int:
-        """Runs and files that MLflow does not take."""
+        """Number of runs and files that MLflow does not take."""
         return len(self._refused)
 
     @property
     def undelivered(self) -> int:
-        """Runs and files that MLflow neither has nor refuses."""
+        """Number of runs and files that MLflow neither has nor refuses."""
         trials = sum(map(self._lacks, self._ended()))
         return trials + len(self._files) + (self._status is not None and not self._delivered)
 
@@ -121,16 +121,16 @@ class SweepLog:
             raise self._broken
 
     def follow(self, trials: Callable[[], Iterable[EndedTrial]]) -> None:
-        """Log all that `trials` reports as ended, from now to the end of the block; another thread
-        calls it again and again, and `describe` of what it returns."""
+        """Log all that `trials` reports as ended, from now to the end of the block.
+
+        Another thread calls it again and again, and `describe` of what it returns."""
         self._trials = trials
 
     def hold(self) -> None:
         """Ask for no more trials before the end of the block: their results are read elsewhere.
 
-        Raises what prevented the report of a trial; no more are asked for, and the end of the block
-        raises it, too.
-        """
+        Raises what prevented the report of a trial; no more are asked for, and the end of the
+        block raises it, too."""
         with self._reading:
             self._held = True
             if self._broken is not None:
@@ -139,16 +139,15 @@ class SweepLog:
     def artifact(self, path: Path, folder: str | None = None) -> None:
         """Copy a file to the artifacts of the parent run, into `folder` of them.
 
-        Returns at once: the file must stay as it is until the end of the `with` block.
-        """
+        Returns at once: the file must stay as it is until the end of the `with` block."""
         self._files[path, folder] = partial(self._runs.write_file, path, folder)
 
     def page(self) -> str:
-        """The experiment's page below a server's address; empty while it was never there."""
+        """Return the experiment's page below a server's address; empty while it was never there."""
         return self._runs.page()
 
     def _work(self) -> None:
-        """The thread."""
+        """Run the thread: connect, reconcile until the end, pause while MLflow is away."""
         try:
             self._runs.open()
         except (ValueError, Away) as error:
@@ -191,7 +190,7 @@ class SweepLog:
             self._write(key, str(key[0]), write)
             del self._files[key]
 
-    def _write(self, key: object, what: str, write: Callable[[], None]) -> None:
+    def _write(self, key: object, name: str, write: Callable[[], None]) -> None:
         if self._stopped:
             raise Away("given up")
         try:
@@ -201,7 +200,7 @@ class SweepLog:
         except Exception as error:
             if key not in self._refused:
                 reason = " ".join(str(error).split())
-                self._say(f"MLflow refuses {what!r}, the same command tries again: {reason}")
+                self._say(f"MLflow refuses {name!r}, the same command tries again: {reason}")
             self._refused.add(key)
         self._is_back()
         self._tell_progress()
@@ -222,7 +221,7 @@ class SweepLog:
         return self._told(lambda: list(self._trials()), [])
 
     def _told(self, tell: Callable[[], T], otherwise: T) -> T:
-        """The answer of the sweep; `otherwise` while it must not be asked, and after an error."""
+        """Ask the sweep; return `otherwise` while it must not be asked, and after an error."""
         with self._reading:
             if not self._held and self._broken is None:
                 try:

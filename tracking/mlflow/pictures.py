@@ -1,4 +1,4 @@
-"""The pictures of a trial's run: its placement, and precision over recall."""
+"""Pictures of a trial's run: its placement, and precision over recall."""
 
 from __future__ import annotations
 
@@ -32,8 +32,10 @@ def draw_rig(
     lidars: Sequence[Lidar],
     vehicle: Vehicle | None,
 ) -> None:
-    """Write a PNG of a rig: from above with where x of every sensor points, and from the side
-    and from behind with the plane in which it turns. `vehicle` is None for a nominal car."""
+    """Write a PNG of a rig from above, from the side and from behind.
+
+    From above it shows where x of every sensor points, from the others the plane in which it
+    turns. `vehicle` is None for a nominal car."""
     from matplotlib.patches import Polygon
 
     figure = _figure(9.0, 2.7)
@@ -46,8 +48,8 @@ def draw_rig(
         for i, mount in enumerate(mounts):
             at = np.array([mount.x, mount.y, mount.z])
             turn = rotation(mount.roll, mount.pitch, mount.yaw)
-            shown = turn[:, :1] if up == 1 else turn[:, :2]
-            for j, direction in enumerate((_AXIS_M * shown).T):
+            directions = turn[:, :1] if up == 1 else turn[:, :2]
+            for j, direction in enumerate((_AXIS_M * directions).T):
                 begin = at if up == 1 else at - direction
                 ends = np.stack([begin, at + direction])
                 axis.plot(ends[:, across], ends[:, up], color=colour(i), lw=2 if j == 0 else 1)
@@ -59,20 +61,21 @@ def draw_rig(
         axis.margins(0.12)
         if across == 1:
             axis.invert_xaxis()  # y is to the left of who looks ahead
-    kinds = {(own.beams, "rays of a pattern" if own.pattern else "beams") for own in lidars}
+    kinds = {(lidar.beams, "rays of a pattern" if lidar.pattern else "beams") for lidar in lidars}
     beams = ", ".join(f"{number:,} {kind}" for number, kind in sorted(kinds))
     figure.suptitle(f"{title}: {len(mounts)} LiDARs, {beams}", fontsize=11)
     _save(figure, path)
 
 
 def draw_pr_curves(path: Path, title: str, curves: pd.DataFrame) -> None:
-    """Write a PNG of precision over recall, a panel a class; `curves` has class, metric, iou,
-    recall, precision, percent."""
+    """Write a PNG of precision over recall, a panel a class.
+
+    `curves` has class, metric, iou, recall, precision, percent."""
     classes = list(dict.fromkeys(curves["class"]))
     figure = _figure(max(3.4 * len(classes), 5.0), 3.6)
     for axis, name in zip(figure.subplots(1, len(classes), squeeze=False)[0], classes, strict=True):
-        own = curves[curves["class"] == name].groupby(["metric", "iou"], sort=False)
-        for i, ((metric, iou), curve) in enumerate(own):
+        of_class = curves[curves["class"] == name].groupby(["metric", "iou"], sort=False)
+        for i, ((metric, iou), curve) in enumerate(of_class):
             label = f"{METRICS[str(metric)].short} @ {iou:g}"
             style = "-" if str(metric).endswith("3D") else "--"
             axis.plot(curve["recall"], curve["precision"], style, color=colour(i), label=label)

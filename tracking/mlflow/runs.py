@@ -1,4 +1,4 @@
-"""The runs of one sweep at MLflow: found again by tags, and completed, so that none is doubled."""
+"""Runs of one sweep at MLflow: found again by tags, and completed, so that none is doubled."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tracking.mlflow.connection import (
     reason,
 )
 from tracking.mlflow.content import Dataset, EndedTrial, ParentRun, TrialRun
-from tracking.mlflow.page import NOTE_TAG, VIEW_TAG, page_of, view
+from tracking.mlflow.experiment_page import NOTE_TAG, VIEW_TAG, page_of, view
 from tracking.mlflow.uri import is_server, sqlite_file
 
 if TYPE_CHECKING:
@@ -35,15 +35,14 @@ _LONGEST_REASON = 5000  # characters of a tag
 
 
 class SweepRuns:
-    """The parent run and the child runs of a sweep.
+    """Parent run and child runs of a sweep.
 
     A trial's run ends last of all, so one that has ended has everything, and any other is
     completed: what is there of it is not logged again. So everything may be written again.
 
     All methods that write raise Away when it may or may not be written, after which `open` finds
-    out, and anything else for what MLflow does not take. `uri` is absolute; a new experiment keeps
-    its files in `artifacts` if MLflow writes to a database itself.
-    """
+    out, and anything else for what MLflow does not take. `uri` is absolute; a new experiment
+    keeps its files in `artifacts` if MLflow writes to a database itself."""
 
     def __init__(self, uri: str, parent: ParentRun, artifacts: Path) -> None:
         self._uri = uri
@@ -65,9 +64,8 @@ class SweepRuns:
     def open(self) -> None:
         """Find, or make, the experiment and the parent run, which is RUNNING; find the trials.
 
-        Raises ValueError: the server cannot take this sweep, or a local database cannot be opened;
-        Away: there is no connection now.
-        """
+        Raises ValueError: the server cannot take this sweep, or a local database cannot be
+        opened; Away: there is no connection now."""
         try:
             self._client = connect(self._uri)
             self._experiment = self._find_experiment()
@@ -88,16 +86,15 @@ class SweepRuns:
             raise InputError(reason(error, self._uri), place=public_url(self._uri)) from error
 
     def lacks(self, trial: EndedTrial) -> bool:
-        """Whether something of a trial is missing. One that is finished never fails again."""
-        known = trial.key in self._whole
-        return not known or self._whole[trial.key] not in (None, _short(trial.error))
+        """Tell whether something of a trial is missing; one that is finished never fails again."""
+        is_logged = trial.key in self._whole
+        return not is_logged or self._whole[trial.key] not in (None, _short(trial.error))
 
     def write_trial(self, trial: EndedTrial, content: TrialRun) -> None:
         """Make the run of a trial, or complete it, and end it.
 
-        What MLflow does not take is recorded in a tag: the run has FAILED without its values, and
-        is FINISHED without its files.
-        """
+        What MLflow does not take is recorded in a tag: the run has FAILED without its values,
+        and is FINISHED without its files."""
         with self._connected():
             if (run := self._trials.get(trial.key)) is not None:
                 run = self._client.get_run(run.info.run_id)
@@ -129,13 +126,14 @@ class SweepRuns:
             self._client.set_terminated(self._parent.info.run_id, status)
 
     def page(self) -> str:
-        """The experiment's page below the server's address; empty before `open` succeeded."""
+        """Return the experiment's page below the server's address; "" before `open` succeeded."""
         return page_of(self._experiment, bool(self._wanted.columns)) if self._experiment else ""
 
     @contextmanager
     def _connected(self, files: bool = False) -> Iterator[None]:
-        """Raise Away, and hold the connection for lost, where the block may succeed later; a
-        server's answer 500 is a refusal where it writes `files`."""
+        """Raise Away, and close the connection, where the block may succeed later.
+
+        A server's answer 500 is a refusal where it writes `files`."""
         try:
             yield
         except Away:
@@ -149,8 +147,7 @@ class SweepRuns:
     def _watch_machine(self) -> None:
         """Let MLflow's monitor log system metrics of the parent run.
 
-        Its thread ends where MLflow is away: each connection gets a new one, which goes on.
-        """
+        Its thread ends where MLflow is away: each connection gets a new one, which goes on."""
         from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
 
         if self._monitor is not None:
@@ -173,19 +170,19 @@ class SweepRuns:
         return str(experiment.experiment_id)
 
     def _find_runs(self) -> list[Any]:
-        """All runs of this sweep, the parent among them, oldest first."""
-        how = {"filter_string": f"tags.`{SWEEP_TAG}` = '{self._wanted.key}'", "max_results": 1000}
-        how["order_by"] = ["attributes.start_time ASC"]
-        page = self._client.search_runs([self._experiment], **how)
-        found = list(page)
+        """Find all runs of this sweep, the parent among them, oldest first."""
+        query = {"filter_string": f"tags.`{SWEEP_TAG}` = '{self._wanted.key}'", "max_results": 1000}
+        query["order_by"] = ["attributes.start_time ASC"]
+        page = self._client.search_runs([self._experiment], **query)
+        runs = list(page)
         while page.token:
-            how["page_token"] = page.token
-            page = self._client.search_runs([self._experiment], **how)
-            found += page
-        return found
+            query["page_token"] = page.token
+            page = self._client.search_runs([self._experiment], **query)
+            runs += page
+        return runs
 
     def _one_each(self, runs: list[Run]) -> dict[str, Run]:
-        """The run of each trial. A server that answered too late may have made a second one."""
+        """Keep one run of each trial: a server that answered late may have made a second one."""
         trials: dict[str, Run] = {}
         for run in sorted(runs, key=lambda run: run.info.status != "FINISHED"):
             if run is not trials.setdefault(run.data.tags[TRIAL_TAG], run):
@@ -193,7 +190,7 @@ class SweepRuns:
         return trials
 
     def _one_parent(self, parents: list[Any]) -> Any:
-        """The parent run: the oldest, for the same reason. All trials become its children."""
+        """Keep the oldest parent run, for the same reason; all trials become its children."""
         parent, *others = parents or [self._create(self._wanted.name, {}, None)]
         for run in others:
             self._client.delete_run(run.info.run_id)
@@ -207,14 +204,14 @@ class SweepRuns:
         return self._client.create_run(self._experiment, time, tags, name)
 
     def _create_trial(self, trial: EndedTrial, content: TrialRun) -> Any:
-        """A run with the tags that find it again; when it began follows from its seconds."""
+        """Make a run with the tags that find it again; its start follows from its seconds."""
         names = {TRIAL_TAG: trial.key, PARENT_TAG: self._parent.info.run_id}
         tags = _tags_of(trial, content) | names
         began = content.ended - round(1000 * content.metrics.get("seconds", 0.0))
         return self._create(content.name, tags, began)
 
     def _fill(self, run: Any, trial: EndedTrial, content: TrialRun) -> tuple[str, Exception | None]:
-        """Log what a run has not got. Returns its status, and why MLflow does not take all."""
+        """Log what a run has not got; return its status, and why MLflow does not take all."""
         status = "FAILED"
         try:
             with self._connected():
@@ -233,13 +230,13 @@ class SweepRuns:
         """Log parameters, metrics, tags and data that a run has not got."""
         from mlflow.entities import Metric, Param, RunTag
 
-        run_id, there = run.info.run_id, self._points_of(run)
+        run_id, logged = run.info.run_id, self._points_of(run)
         if trial.error is None and ERROR_TAG in run.data.tags:
             self._client.delete_tag(run_id, ERROR_TAG)
         metrics = [
             Metric(name, value, run.info.start_time, step)
             for name, step, value in content.points()
-            if (name, step) not in there
+            if (name, step) not in logged
         ]
         params = _new(_texts(content.params), run.data.params)
         tags = _new(_tags_of(trial, content), run.data.tags)
@@ -248,7 +245,7 @@ class SweepRuns:
             self._client.log_inputs(run_id, [_input(dataset) for dataset in content.datasets])
 
     def _points_of(self, run: Any) -> set[tuple[str, int]]:
-        """(metric, step) of all that was logged."""
+        """Find (metric, step) of all that was logged."""
         return {
             (name, point.step)
             for name in run.data.metrics
@@ -256,31 +253,31 @@ class SweepRuns:
         }
 
     def _describe(self) -> None:
-        """Parameters, tags and status of the parent run, and what the experiment's page shows."""
+        """Write parameters, tags and status of the parent run, and the experiment's page."""
         from mlflow.entities import Param, RunTag
 
-        own, run = self._wanted, self._client.get_run(self._parent.info.run_id)
-        params = _texts(own.params)
+        wanted, run = self._wanted, self._client.get_run(self._parent.info.run_id)
+        params = _texts(wanted.params)
         for name, value in run.data.params.items():
             if params.get(name, value) != value:
                 fault, fix = "changed since the sweep began", "give the sweep another name"
                 place, now = f"run {run.info.run_name!r} in MLflow", params[name]
                 raise InputError(fault, place=place, key=name, expected=value, found=now, fix=fix)
-        tags = {**own.tags} | ({NOTE_TAG: own.note} if own.note else {})
+        tags = {**wanted.tags} | ({NOTE_TAG: wanted.note} if wanted.note else {})
         new = _each(Param, _new(params, run.data.params)), _each(RunTag, _new(tags, run.data.tags))
         self._client.log_batch(run.info.run_id, params=new[0], tags=new[1])
-        page = {NOTE_TAG: own.about} if own.about else {}
-        if own.columns:
-            page[VIEW_TAG] = view(own.columns, own.ascending, run.info.run_id)
-        there = self._client.get_experiment(self._experiment).tags
-        for name, value in _new(page, there).items():
+        page = {NOTE_TAG: wanted.about} if wanted.about else {}
+        if wanted.columns:
+            page[VIEW_TAG] = view(wanted.columns, wanted.ascending, run.info.run_id)
+        experiment_tags = self._client.get_experiment(self._experiment).tags
+        for name, value in _new(page, experiment_tags).items():
             self._client.set_experiment_tag(self._experiment, name, value)
         if run.info.status != "RUNNING":
             self._client.update_run(run.info.run_id, status="RUNNING")
 
 
 def _is_whole(run: Any) -> bool:
-    """Whether a trial's run has all that it is to have."""
+    """Tell whether a trial's run has all that it is to have."""
     status, tags = run.info.status, run.data.tags
     ended = status == "FINISHED" or (status == "FAILED" and ERROR_TAG in tags)
     return ended and REFUSED_TAG not in tags
@@ -303,9 +300,9 @@ def _texts(values: Mapping[str, object]) -> dict[str, str]:
     return {name: str(value) for name, value in values.items()}
 
 
-def _new(values: Mapping[str, str], there: Mapping[str, str]) -> dict[str, str]:
-    """Those of the values that are not there."""
-    return {name: value for name, value in values.items() if there.get(name) != value}
+def _new(values: Mapping[str, str], logged: Mapping[str, str]) -> dict[str, str]:
+    """Select the values that are not logged yet."""
+    return {name: value for name, value in values.items() if logged.get(name) != value}
 
 
 def _each(kind: Callable[[str, str], Any], values: Mapping[str, str]) -> list[Any]:
@@ -318,5 +315,5 @@ def _input(dataset: Dataset) -> Any:
     from mlflow.utils.mlflow_tags import MLFLOW_DATASET_CONTEXT
 
     about = {"source": json.dumps(dataset.source), "profile": json.dumps(dataset.profile)}
-    own = MlflowDataset(dataset.name, dataset.digest, source_type="lidarplace", **about)
-    return DatasetInput(own, [InputTag(MLFLOW_DATASET_CONTEXT, dataset.context)])
+    mlflow_dataset = MlflowDataset(dataset.name, dataset.digest, source_type="lidarplace", **about)
+    return DatasetInput(mlflow_dataset, [InputTag(MLFLOW_DATASET_CONTEXT, dataset.context)])

@@ -1,4 +1,4 @@
-"""Where MLflow keeps runs: an address that can be checked, shown and opened."""
+"""Tracking URI of MLflow: an address that can be checked, shown and opened."""
 
 import re
 from pathlib import Path
@@ -10,8 +10,9 @@ from lidarplace.files.secret_urls import check_whole, public_url
 
 
 def absolute_uri(uri: str) -> str:
-    """`uri` with the driver of its database, and a file as an absolute path for later; ValueError
-    if MLflow cannot keep runs there."""
+    """Add the driver of its database to `uri`, and make a file's path absolute, for later use.
+
+    Raises ValueError if MLflow cannot keep runs there."""
     if "://" not in uri or uri.startswith("file:"):
         wanted = "a database or a server, such as sqlite:///runs/mlflow.db or http://host:5000"
         raise InputError("MLflow keeps no runs there", expected=wanted, found=repr(public_url(uri)))
@@ -28,27 +29,28 @@ def absolute_uri(uri: str) -> str:
 
 
 def sqlite_uri(database: Path) -> str:
-    """The URI of a SQLite database, quoted as by SQLAlchemy. It names the driver, as MLflow makes
-    the folders of a plain `sqlite:///` URI without removing the quotes."""
+    """Write the URI of a SQLite database, quoted as by SQLAlchemy.
+
+    It names the driver, as MLflow makes the folders of a plain `sqlite:///` URI without removing
+    the quotes."""
     return f"sqlite+pysqlite:///{quote(str(database), safe=' +/')}"
 
 
 def sqlite_file(uri: str) -> Path | None:
-    """The database file of a `sqlite:///` URI, None for other URIs."""
+    """Return the database file of a `sqlite:///` URI, None for other URIs."""
     match = re.match(r"sqlite(?:\+\w+)?:///([^?]+)", uri)
     return Path(unquote(match[1])) if match else None
 
 
 def is_server(uri: str) -> bool:
-    """Whether `uri` is a tracking server, not a database."""
+    """Tell whether `uri` is a tracking server, not a database."""
     return uri.startswith(("http://", "https://"))
 
 
 def ui_command(uri: str, page: str = "") -> str:
-    """What opens the experiments in a browser: a command line, of a server the address of `page`.
+    """Return the command line that opens the experiments in a browser; of a server its address.
 
-    The password of a database is masked, the user has to write it.
-    """
+    `page` is below the address. The password of a database is masked, the user has to write it."""
     if is_server(uri):
         return public_url(uri).rstrip("/") + page
     uri = absolute_uri(uri)

@@ -28,18 +28,19 @@ COLOURS = (
 MOST_DRAWN = 12  # of what fails
 _ENOUGH = 0.5
 _COLOURS = ((0.0, "#7a2b00"), (_ENOUGH, "#f0a070"), (_ENOUGH, "#a8d4f0"), (1.0, "#15619f"))
-"""Orange is too little, the darker the less; blue is enough, the darker the more."""
+"""Colours of the share of the need: orange is too little, darker the less; blue is enough."""
 
 
 def counted(worst: pd.DataFrame) -> str:
-    """How many verdicts are failures, a sentence."""
+    """Count the verdicts that are failures, a sentence."""
     failed = int((~worst["met"]).sum())
     return f"{failed} of {len(worst)} verdicts are failures."
 
 
 def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Table:
-    """A row for each of `worst_cases`, what fails is stressed; `rig` are columns that distinguish
-    rigs, `further` attributes as they are."""
+    """Make a row for each of `worst_cases`; what fails is stressed.
+
+    `rig` are columns that distinguish rigs, `further` are attributes of the table."""
     columns = [
         *(words(name) for name in rig),
         words("requirement"),
@@ -68,11 +69,11 @@ def _place(row: Mapping[Any, Any]) -> str:
 
 
 def in_short(row: Mapping[Any, Any]) -> str:
-    """A verdict in a cell: what is there of what is needed."""
-    said = f"{'pass' if row['met'] else 'FAIL'}: {row['value']:.3g} of {_needed(row)}"
+    """Format a verdict in a cell: the value relative to what is needed."""
+    verdict = f"{'pass' if row['met'] else 'FAIL'}: {row['value']:.3g} of {_needed(row)}"
     if row["met"]:
-        return said
-    return "; ".join([said, ", ".join(filter(None, [row["case"], _place(row)]))])
+        return verdict
+    return "; ".join([verdict, ", ".join(filter(None, [row["case"], _place(row)]))])
 
 
 def draw_failures(
@@ -86,8 +87,7 @@ def draw_failures(
     """Add pictures of what rigs fail, as far as their grounds are kept, and say what they show.
 
     `worst` are rows of `lidarplace.requirements.tables.worst_cases`, `rig` is the column that
-    distinguishes rigs, `order` has the rigs to draw first in front, `mounts` are by rig.
-    """
+    distinguishes rigs, `order` has the rigs to draw first in front, `mounts` are by rig."""
     failing = [
         (name, row, ground)
         for name in order
@@ -114,12 +114,11 @@ def requirement_map(
     mounts: Sequence[Mount],
     body: NDArray[np.float64],
 ) -> go.Figure:
-    """What every place has, in terms of what it needs, in the worst of all cases.
+    """Draw the value of every place relative to its need, in the worst of all cases.
 
     The colours end at nothing and at twice the need. A cross marks the worst position of the case
     `worst`, a row of `lidarplace.requirements.tables.worst_cases`. `body` is
-    `lidarplace.mounting.outline.outline` of the vehicle.
-    """
+    `lidarplace.mounting.outline.outline` of the vehicle."""
     needed, measure = float(worst["at_least"]), worst["measure"]
     x, y, least = ground.x, ground.y, ground.least.astype(np.float64)
     verdict = "met" if worst["met"] else "FAILED"

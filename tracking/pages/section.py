@@ -1,4 +1,4 @@
-"""A part of a report: sentences, figures, and tables of text cells with raw numbers for a file."""
+"""Part of a report: sentences, figures, and tables of text cells with raw numbers for a file."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ MOST_ROWS = 50  # placements and trials that a table shows; a page must stay sma
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table: its head, the text for a row by the names of the data's columns, and
-    whether it holds words; the others hold numbers."""
+    """Column of a table: its head, the text of a cell by row, and whether it holds words.
+
+    `cell` takes a row by the names of the data's columns; columns without words hold numbers."""
 
     head: str
     cell: Callable[[Mapping[Any, Any]], str]
@@ -31,30 +32,31 @@ class Column:
 
 
 def words(head: str, key: str = "", show: Callable[[Any], str] = str) -> Column:
-    """What the data hold under `key`, or under the head."""
+    """Show the value under `key`, or under the head, as words."""
     return Column(head, lambda row: show(row[key or head]), words=True)
 
 
 def numbers(head: str, key: str, form: str | Callable[[float], str]) -> Column:
-    """What the data hold under `key`, by a format of `digits` or a function."""
+    """Show the number under `key`, by a format of `digits` or a function."""
     show = partial(labels.digits, form=form) if isinstance(form, str) else form
     return Column(head, lambda row: show(row[key]))
 
 
 def coefficient(head: str, key: str) -> Column:
-    """A coefficient under `key` with its interval, of `key` with `_low` and `_high`."""
+    """Show the coefficient under `key` with its interval, of `key` with `_low` and `_high`."""
 
     def cell(row: Mapping[Any, Any]) -> str:
         value, low, high = (row[f"{key}{suffix}"] for suffix in ("", "_low", "_high"))
-        known = f"{labels.signed(value)} {labels.interval(low, high)}"
-        return labels.DASH if np.isnan(value) else known
+        with_interval = f"{labels.signed(value)} {labels.interval(low, high)}"
+        return labels.DASH if np.isnan(value) else with_interval
 
     return Column(head, cell)
 
 
 def in_points(head: str, keys: tuple[str, str, str], form: str) -> Column:
-    """Points with their interval in brackets, by the keys of value, low and high; a difference,
-    which may be not significant, where the format has a sign."""
+    """Show points with their interval in brackets, by the keys of value, low and high.
+
+    Where the format has a sign they are a difference, which may be not significant."""
 
     def cell(row: Mapping[Any, Any]) -> str:
         value, low, high = (row[key] for key in keys)
@@ -72,7 +74,7 @@ SURROGATE = words("surrogate", show=labels.surrogate_name)
 
 
 def of_group(axes: Sequence[str]) -> list[Column]:
-    """Class, detector with its setting of the axes, and metric."""
+    """Return the columns of class, detector with its setting of the axes, and metric."""
     return [words("class"), Column("detector", partial(labels.detector_label, axes), True), METRIC]
 
 
@@ -81,12 +83,14 @@ class Table:
     """Text cells under a caption; many rows are shown in a box that scrolls.
 
     Attributes:
+        caption: what the table shows.
+        head: names of the columns.
+        rows: cells of every row.
         best: (row, column) of cells to stress.
         words: columns of words, the others hold numbers.
         wide: its head is not broken into lines.
         name: of its CSV file, without the ending; see `slug`. Empty for a table without a file.
-        data: what the CSV file holds: unrounded numbers, units in the heads.
-    """
+        data: what the CSV file holds: unrounded numbers, units in the heads."""
 
     caption: str
     head: tuple[str, ...]
@@ -106,10 +110,9 @@ class Table:
         units: Mapping[str, str] | None = None,
         **further: Any,
     ) -> Table:
-        """A row for every one of `rows`; `further` attributes as they are.
+        """Make a row for every one of `rows`; `further` are attributes.
 
-        The CSV file, if it has a `name`, holds `rows` or `data`, with `units`.
-        """
+        The CSV file, if it has a `name`, holds `rows` or `data`, with `units`."""
         if "name" in further:
             further["data"] = with_units(further.get("data", rows), units or {})
         return cls(
@@ -121,20 +124,22 @@ class Table:
         )
 
     def without_dashes(self) -> Table:
-        """Without columns that have a dash in every row. The CSV file has all of them."""
+        """Drop columns that have a dash in every row; the CSV file keeps them."""
         whole = range(len(self.head))
-        kept = [i for i in whole if not self.rows or any(r[i] != labels.DASH for r in self.rows)]
-        place = {old: new for new, old in enumerate(kept)}
+        with_values = [
+            i for i in whole if not self.rows or any(r[i] != labels.DASH for r in self.rows)
+        ]
+        place = {old: new for new, old in enumerate(with_values)}
         return replace(
             self,
-            head=tuple(self.head[i] for i in kept),
-            rows=tuple(tuple(row[i] for i in kept) for row in self.rows),
+            head=tuple(self.head[i] for i in with_values),
+            rows=tuple(tuple(row[i] for i in with_values) for row in self.rows),
             best=frozenset((row, place[i]) for row, i in self.best if i in place),
             words=frozenset(place[i] for i in self.words if i in place),
         )
 
     def first(self, most: int) -> Table:
-        """The first `most` rows; the caption then says so. The CSV file has all of them."""
+        """Keep the first `most` rows; the caption then says so, the CSV file has all."""
         if len(self.rows) <= most:
             return self
         more = f"the first {most} of {len(self.rows):,} rows, the CSV file has all"
@@ -144,23 +149,22 @@ class Table:
 
 
 def with_units(data: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:
-    """`data` with units in brackets behind the names of columns."""
+    """Add units in brackets to the names of columns."""
     return data.rename(columns={name: f"{name} ({unit})" for name, unit in units.items()})
 
 
 def slug(*words: str) -> str:
-    """Words as a part of a file's name or an address: a-z, 0-9, dots and hyphens."""
+    """Convert words to a part of a file's name or an address: a-z, 0-9, dots and hyphens."""
     plain = unicodedata.normalize("NFKD", " ".join(words)).encode("ascii", "ignore").decode()
     return re.sub(r"[^a-z0-9.]+", "-", plain.lower()).strip("-.")[:80]
 
 
 @dataclass
 class Section:
-    """A heading with sentences, figures in `columns` and tables below it.
+    """Heading with sentences, figures in `columns` and tables below it.
 
     A `folded` one shows its heading until it is opened, or printed. One on `top` is without its
-    heading on the first screen. `links` are words by address, below the sentences.
-    """
+    heading on the first screen. `links` are words by address, below the sentences."""
 
     title: str
     notes: list[str] = field(default_factory=list)
@@ -173,11 +177,11 @@ class Section:
 
     @property
     def anchor(self) -> str:
-        """What a link to the section ends with."""
+        """Fragment of a link to the section."""
         return slug(self.title)
 
 
 def figure_title(figure: go.Figure) -> str:
-    """The title of a figure as plain text in one line."""
+    """Return the title of a figure as plain text in one line."""
     lines = str(figure.layout.title.text or "").replace(SOFT_BREAK, " ").replace("<br>", " · ")
     return html.unescape(re.sub(r"<[^>]*>", "", lines))

@@ -1,1 +1,1 @@
-"""The report of a sweep: HTML pages that open without a network."""
+"""Report of a sweep: HTML pages that open without a network."""

@@ -1,23 +1,23 @@
-"""Build the pages of a run folder: the report, next to it Markdown and tables, and the decision."""
+"""Pages of a run folder: the report, its Markdown and tables, the decision and the failures."""
 
 import json
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.registry import Registry
-from tracking.findings.failures import Failures
-from tracking.findings.groups import copies, pictured, without
+from tracking.findings.groups import pictured
 from tracking.findings.individuals import count_individuals
 from tracking.labels import some
-from tracking.pages import page as pages
+from tracking.pages import html_page as pages
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis as Analysis
 from tracking.report.cautions import cautions
 from tracking.report.decision.build import write_decision
 from tracking.report.failures import write_failures
-from tracking.report.headline import surrogate_verdicts
+from tracking.report.headline import Statement, surrogate_statements
+from tracking.report.recommendation import Answer
 from tracking.report.sections.ablations import density_section, tilts_section
 from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.best import best_section, by_class_section
@@ -42,6 +42,7 @@ from tracking.report.sections.sampling_error import sampling_error_section
 from tracking.report.sections.sensitivity import sensitivity_section
 from tracking.report.sections.training_cost import training_cost_section
 from tracking.report.sections.where_time_went import reduced_batches, where_time_went
+from tracking.run_folders.arrays import FailureFrames
 from tracking.run_folders.sweep import RunFolder
 
 _log = logging.getLogger(__name__)
@@ -49,86 +50,108 @@ _PAGES = {"decision.html": "Decision", "report.html": "Research report"}
 
 
 def build_report(run: Path) -> Path:
-    """Write the pages of the run folder `run` into it; return the report.
+    """Write the pages of the run folder `run` into it, and return the path of the report.
+
+    Raises ValueError: `run` is no run folder.
+    """
+    folder = RunFolder.read(run)
+    return write_report(Analysis(folder), folder.failures)
+
+
+def write_report(analysis: Analysis, frames: FailureFrames | None) -> Path:
+    """Write the pages of an analysis into its run folder, and return the path of the report.
 
     `report.html` and, with results, `decision.html` and `failures.html` are one file each that
-    loads nothing from a network, see `tracking.pages.page`. `report.md` and `tables/` hold the
-    tables of the report, rounded and raw. Raises ValueError: `run` is no run folder.
+    loads nothing from a network, see `tracking.pages.html_page`. `report.md` and `tables/` hold the
+    tables of the report, rounded and raw. `frames` are those of `Analysis.pair`; frames of other
+    rigs, which an older run folder may have, are not shown.
     """
-    complete = RunFolder.read(run)
-    same = copies(complete)
-    found = Analysis(without(complete, set(same)))
-    folder = found.run
-    by_name = dict(_sections(found))
+    run, answer = analysis.run, analysis.answer
+    by_name = dict(_sections(analysis))
     sections = list(by_name.values())
-    failures = by_name["failures"] if found.pair else None
     for section in sections:
         section.tables = [table.without_dashes() for table in section.tables]
-    stated = [v for own in found.recommended for v in own.verdicts.values()]
-    stated = stated or [v for group in found.groups for v in surrogate_verdicts(folder, group)]
-    said = found.answer
-    extent = _extent(folder)
-    warnings = cautions(folder)
-    if same:
-        named = some([f"{name} is {first}" for name, first in same.items()])
-        warnings.append(f"The same rig under two names is counted once: {named}.")
-    warnings += reduced_batches(folder.tasks)
-    facts = folder.sweep.model_dump(
+    statements = [
+        s for recommended in analysis.recommended for s in recommended.statements.values()
+    ]
+    statements = statements or [
+        statement for group in analysis.groups for statement in surrogate_statements(run, group)
+    ]
+    extent, warnings = _extent(run), _warnings(analysis)
+    pages.write_csv_files(run.path / pages.FOLDER, sections)
+    failures = _write_failures(analysis, frames, by_name, extent)
+    decision = write_decision(analysis, extent, warnings, failures)
+    sweep = run.sweep.model_dump(
         mode="json", by_alias=True, exclude_unset=True, exclude={"placements"}
     )
-    pages.write_csv_files(folder.path / pages.FOLDER, sections)
-    _write_failures(folder, found.pair, failures, extent)
-    decision = write_decision(found, extent, warnings, failures)
     page = pages.write_page(
-        folder.path / "report.html",
+        run.path / "report.html",
         Path(__file__).with_name("report.html"),
         [_picture(by_name), *sections],
-        name=folder.sweep.name,
-        run=folder,
+        name=run.sweep.name,
+        run=run,
         decision=decision.name if decision else None,
-        verdicts=stated,
-        answer=said,
-        required=found.recommended[0].required(folder) if said else "",
+        statements=statements,
+        answer=answer,
+        required=analysis.recommended[0].required if answer else "",
         extent=extent,
         warnings=warnings,
-        sweep=json.dumps(facts, indent=2, default=str),
+        sweep=json.dumps(sweep, indent=2, default=str),
     )
-    first = [pages.escaped(extent)]
-    for card in stated:
-        told = f"{card.metric}: {card.lead}. {card.sure}".rstrip()
-        heading, best, told = map(pages.escaped, (card.heading, card.best, told))
-        first.append(f"**{heading}: {best}.** {told}")
-    if said is not None and len(said.leads) > 1:
-        first.append(f"**{pages.escaped(said.sure)}**")
-    if said is not None and said.command:
-        first += ["For more evidence, run:", pages.verbatim(said.command)]
-    first += [f"Reasons for doubt: {len(warnings)}"] if warnings else []
-    first += [f"> Warning: {pages.escaped(warning)}" for warning in warnings]
-    last = {"Command": folder.sweep.command, "Configuration": folder.config}
-    name = folder.sweep.name
-    pages.write_markdown(folder.path / "report.md", name, first, sections, last, page.name)
+    blocks = [*_first_blocks(statements, answer, extent, warnings)]
+    verbatim = {"Command": run.sweep.command, "Configuration": run.config}
+    pages.write_markdown(
+        run.path / "report.md", run.sweep.name, blocks, sections, verbatim, page.name
+    )
     return page
 
 
-_Make = Callable[[Analysis], Section | None]
-_OURS: tuple[_Make, ...] = (best_section, placements_section, by_class_section)
-_OURS += (requirements_section, agreement_section, promotion_section, predictors_section)
-_OURS += (reliability_section, generalist_section, recorded_clouds_section, published_section)
-_OURS += (sensitivity_section, tilts_section, density_section, rigs_section, coverage_section)
-_OURS += (clouds_section, individuals_section, by_distance_section, by_sector_section)
-_OURS += (failures_section, accuracy_section, sampling_error_section, training_cost_section)
-_OURS += (where_time_went,)
-SECTIONS: Registry[_Make] = Registry(
-    "lidarplace.sections", {make.__name__.removesuffix("_section"): make for make in _OURS}
+def _warnings(analysis: Analysis) -> list[str]:
+    run, duplicates = analysis.run, analysis.duplicates
+    warnings = cautions(analysis)
+    if duplicates:
+        named = some([f"{name} is {first}" for name, first in duplicates.items()])
+        warnings.append(f"The same rig under two names is counted once: {named}.")
+    return warnings + reduced_batches(run.tasks)
+
+
+def _first_blocks(
+    statements: Iterable[Statement], answer: Answer | None, extent: str, warnings: Sequence[str]
+) -> Iterator[str]:
+    """Yield what report.md begins with: the headlines and the warnings, blocks of Markdown."""
+    yield pages.escaped(extent)
+    for statement in statements:
+        text = f"{statement.metric}: {statement.lead}. {statement.certainty}".rstrip()
+        heading, best, text = map(pages.escaped, (statement.heading, statement.best, text))
+        yield f"**{heading}: {best}.** {text}"
+    if answer is not None and len(answer.leads) > 1:
+        yield f"**{pages.escaped(answer.certainty)}**"
+    if answer is not None and answer.command:
+        yield from ("For more evidence, run:", pages.verbatim(answer.command))
+    if warnings:
+        yield f"Reasons for doubt: {len(warnings)}"
+    yield from (f"> Warning: {pages.escaped(warning)}" for warning in warnings)
+
+
+_MakeSection = Callable[[Analysis], Section | None]
+_BUILT_IN: tuple[_MakeSection, ...] = (best_section, placements_section, by_class_section)
+_BUILT_IN += (requirements_section, agreement_section, promotion_section, predictors_section)
+_BUILT_IN += (reliability_section, generalist_section, recorded_clouds_section, published_section)
+_BUILT_IN += (sensitivity_section, tilts_section, density_section, rigs_section, coverage_section)
+_BUILT_IN += (clouds_section, individuals_section, by_distance_section, by_sector_section)
+_BUILT_IN += (failures_section, accuracy_section, sampling_error_section, training_cost_section)
+_BUILT_IN += (where_time_went,)
+SECTIONS: Registry[_MakeSection] = Registry(
+    "lidarplace.sections", {make.__name__.removesuffix("_section"): make for make in _BUILT_IN}
 )
-"""The page from top to bottom; what other packages add comes after ours."""
+"""Sections of the page from top to bottom; those of other packages follow."""
 
 
-def _sections(found: Analysis) -> Iterator[tuple[str, Section]]:
+def _sections(analysis: Analysis) -> Iterator[tuple[str, Section]]:
     for name, make in SECTIONS.installed().items():
         try:
             with SECTIONS.calls(name):
-                if not isinstance(section := make(found), Section | None):
+                if not isinstance(section := make(analysis), Section | None):
                     raise InputError(f"returns no Section, but {type(section).__name__}")
         except InputError as error:
             if name in SECTIONS.own:
@@ -136,46 +159,47 @@ def _sections(found: Analysis) -> Iterator[tuple[str, Section]]:
             _log.warning("plug-in left out: section %s", error)
             continue
         if section is not None:
-            section.folded = name != ("placements" if found.run.results.empty else "best")
+            section.folded = name != ("placements" if analysis.run.results.empty else "best")
             yield name, section
 
 
 def _picture(by_name: Mapping[str, Section]) -> Section:
-    """For the first screen: the first figure of what is decided by, of which it is taken."""
-    own = by_name.get("best") or by_name.get("rigs") or Section("")
-    figures, own.figures = own.figures[:1], own.figures[1:]
-    return Section(own.title, own.notes[:1], figures, top=True)
+    """Move the first figure of the deciding section to the first screen."""
+    section = by_name.get("best") or by_name.get("rigs") or Section("")
+    figures, section.figures = section.figures[:1], section.figures[1:]
+    return Section(section.title, section.notes[:1], figures, top=True)
 
 
 def _write_failures(
-    run: RunFolder, pair: Failures | None, section: Section | None, extent: str
-) -> None:
-    """The page of the rigs that are compared, or none of an earlier run."""
-    if pair is None or section is None:
+    analysis: Analysis, frames: FailureFrames | None, by_name: Mapping[str, Section], extent: str
+) -> Section | None:
+    """Write the page of the compared rigs, or remove that of an earlier run; return its section."""
+    run, pair = analysis.run, analysis.pair
+    if pair is None:
         (run.path / FAILURES).unlink(missing_ok=True)
-        return
-    frames = run.failures
+        return None
     if frames is not None and not frames.are_of(pair.rigs, pair.objects["object"]):
         frames = None
-    file = run.path / FAILURES
-    write_failures(file, run, pair, frames, section, extent, _PAGES)
+    section = by_name["failures"]
+    write_failures(run.path / FAILURES, run, pair, frames, section, extent, _PAGES)
+    return section
 
 
 def _extent(run: RunFolder) -> str:
-    """How much was compared, in one line."""
+    """Say in one line how much was compared."""
     pruned = int((run.trials["status"] == "pruned").sum())
     frames = run.sweep.frames
     parts = [
         f"{len(run.placements)} placements, {len(run.trials)} trials",
         f"{pruned} of them pruned by promotion" if pruned else "",
-        f"{frames.train} training and {frames.test} test frames{_met(run)}",
+        f"{frames.train} training and {frames.test} test frames{_tested_objects(run)}",
         pictured(run),
     ]
     return f"{', '.join(filter(None, parts))}."
 
 
-def _met(run: RunFolder) -> str:
-    """The objects of the test frames; "" where they are unknown or differ with the setting."""
+def _tested_objects(run: RunFolder) -> str:
+    """Count the objects of the test frames; "" where unknown or where settings differ in them."""
     if run.individuals is None or set(run.axes) & set(run.individuals.columns):
         return ""
     counts = count_individuals(run.individuals[run.individuals["split"] == "test"])

@@ -1,4 +1,4 @@
-"""The command: `lidarplace report RUN`."""
+"""Command `lidarplace report RUN`."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Build the page of what one rig finds and another one misses, with frames to look at."""
+"""Page of what one rig finds and another one misses, with frames to look at."""
 
 import json
 from collections.abc import Mapping
@@ -20,13 +20,13 @@ from tracking.figures.kit.style import OUTLINE, QUIET, TOLD, text
 from tracking.figures.kit.vehicle_lines import add_lines, vehicle_in_space
 from tracking.findings.failures import Failures
 from tracking.labels import digits
-from tracking.pages.page import figure_json, write_page
+from tracking.pages.html_page import figure_json, write_page
 from tracking.pages.section import Section
 from tracking.run_folders.arrays import FailureFrames
 from tracking.run_folders.sweep import RunFolder
 
 FOUND = {"found": "#0072B2", "found by some seeds": "#CC79A7", "missed": "#D55E00"}
-"""Colours of objects, and of the points in them, by what became of them."""
+"""Colours of objects, and of the points in them, by how many seeds found the object."""
 DETECTION = "#009E73"
 NEAR_M = (9.0, 9.0, 2.6)  # half of what is in view around the object, along x, y and z
 _CLOSE = {
@@ -34,23 +34,22 @@ _CLOSE = {
     "center": {"x": 0.0, "y": 0.0, "z": -0.15},
     "up": {"x": 0.0, "y": 0.0, "z": 1.0},
 }
-"""Plotly's camera behind an object."""
+"""Camera behind an object, as plotly takes it."""
 
 
 def write_failures(
     target: Path,
     run: RunFolder,
-    found: Failures,
+    failures: Failures,
     frames: FailureFrames | None,
     section: Section,
     extent: str,
     links: Mapping[str, str],
 ) -> Path:
-    """Write the page to `target`, and links to other pages, by address.
+    """Write the page to `target`, with links to other pages, by address.
 
     `frames` are of the same two rigs, `section` is `counted_failures`, whose tables are written;
-    `extent` is how much was compared, in one line.
-    """
+    `extent` is how much was compared, in one line."""
     vehicle, corners = run.sweep.body, zip(run.roi.x, run.roi.y, run.roi.z, strict=True)
     seen = np.concatenate([[*corners], vehicle_surface(vehicle)[0]])
     whole = equal_axes(seen, longest=1.9) | {"camera": CAMERAS["from above"]}
@@ -58,44 +57,48 @@ def write_failures(
         target,
         Path(__file__).with_name("failures.html"),
         [Section("Counted", section.notes[2:], section.figures, section.tables, columns=2)],
-        name=" and ".join(found.rigs),
-        rigs=found.rigs,
+        name=" and ".join(failures.rigs),
+        rigs=failures.rigs,
         extent=extent,
         links=links,
         said=section.notes[:2],
-        frames=_shown(found, frames) if frames is not None else [],
-        colours={**FOUND, f"detected with seed {found.seeds[0]}": DETECTION},
+        frames=_shown(failures, frames) if frames is not None else [],
+        colours={**FOUND, f"detected with seed {failures.seeds[0]}": DETECTION},
         whole=json.dumps(whole),
         vehicle=figure_json(go.Figure(vehicle_in_space(vehicle), layout={"template": None})),
     )
 
 
-def _shown(found: Failures, frames: FailureFrames) -> list[dict[str, Any]]:
-    """Frames to click at: `rig`, the place of the one that found more in it; `what` it is shown for
-    and its `fate`; `where` it is; `figures` under each rig and plotly's `view`, as JSON."""
-    number = {int(own): row for row, own in enumerate(found.objects["object"])}
-    shown = []
-    for place, own in enumerate(frames.objects.tolist()):
-        row = number[own]
-        at = found.objects.iloc[row]
-        here = np.flatnonzero(found.objects["frame"] == at["frame"])
+def _shown(failures: Failures, frames: FailureFrames) -> list[dict[str, Any]]:
+    """Describe the frames to click at.
+
+    Keys: `rig`, the place of the one that found more in it; `what` it is shown for and its `fate`;
+    `where` it is; `figures` under each rig and plotly's `view`, as JSON."""
+    number = {
+        int(object_number): row for row, object_number in enumerate(failures.objects["object"])
+    }
+    described = []
+    for place, object_number in enumerate(frames.objects.tolist()):
+        row = number[object_number]
+        at = failures.objects.iloc[row]
+        in_frame = np.flatnonzero(failures.objects["frame"] == at["frame"])
         figures = [
             frame_in_space(
-                found.objects.iloc[here].assign(points=found.points[rig, here]),
-                found.shares[rig, here],
+                failures.objects.iloc[in_frame].assign(points=failures.points[rig, in_frame]),
+                failures.shares[rig, in_frame],
                 frames.points[f"{place}/{rig}"],
                 frames.detections[f"{place}/{rig}"],
             )
             for rig in range(2)
         ]
-        each = zip(found.rigs, found.shares[:, row], found.points[:, row], strict=True)
-        seeds = len(found.seeds)
+        each = zip(failures.rigs, failures.shares[:, row], failures.points[:, row], strict=True)
+        seeds = len(failures.seeds)
         fates = [f"{rig}: {round(of * seeds)} of {seeds}{_points(n)}" for rig, of, n in each]
-        middle = at[["x", "y", "z"]].to_numpy(np.float64)
-        around = equal_axes(np.stack([middle - NEAR_M, middle + NEAR_M]), longest=1.9)
-        shown.append(
+        centre = at[["x", "y", "z"]].to_numpy(np.float64)
+        around = equal_axes(np.stack([centre - NEAR_M, centre + NEAR_M]), longest=1.9)
+        described.append(
             {
-                "rig": int(found.shares[1, row] > found.shares[0, row]),
+                "rig": int(failures.shares[1, row] > failures.shares[0, row]),
                 "what": f"{at['class']}, {np.hypot(at['x'], at['y']):.0f} m",
                 "fate": "; ".join(fates),
                 "where": f"{at['scene']}, route {at['route']}, frame {at['frame']}",
@@ -103,11 +106,11 @@ def _shown(found: Failures, frames: FailureFrames) -> list[dict[str, Any]]:
                 "view": json.dumps(around | {"camera": _CLOSE}),
             }
         )
-    return shown
+    return described
 
 
 def _points(count: float) -> str:
-    """How many are on an object; "" where that is unknown."""
+    """Format how many points are on an object; "" where that is unknown."""
     return f", {digits(count, ',.0f')} points" if np.isfinite(count) else ""
 
 
@@ -117,11 +120,10 @@ def frame_in_space(
     points: NDArray[np.float32],
     detections: NDArray[np.float64],
 ) -> go.Figure:
-    """Points in the boxes of objects have the colour of what became of them, others are grey.
+    """Draw a frame: points in the boxes of objects have the colour of the result, others are grey.
 
     `objects` have class, points and `GEOMETRY`; `shares` of the seeds found each, shape (objects,);
-    `points` have shape (n, 3), `detections` are boxes and scores, shape (d, 8).
-    """
+    `points` have shape (n, 3), `detections` are boxes and scores, shape (d, 8)."""
     plot = go.Figure(layout={"template": None, "margin": dict.fromkeys("lrtb", 0)})
     boxes = objects[list(GEOMETRY)].to_numpy(np.float64)
     fate = np.select([shares == 1, shares > 0], [0, 1], 2)
@@ -130,8 +132,8 @@ def frame_in_space(
     _add_points(plot, points[of_point < 0], OUTLINE, 1.2)
     for number, shade in enumerate(FOUND.values()):
         _add_points(plot, points[of_point == number], shade, 2.2)
-        own = fate == number
-        lines = np.concatenate([edges(boxes[own]), headings(boxes[own]).reshape(-1, 3)])
+        row = fate == number
+        lines = np.concatenate([edges(boxes[row]), headings(boxes[row]).reshape(-1, 3)])
         add_lines(plot, lines, shade, 4, showlegend=False)
     add_lines(plot, edges(detections[:, :7]), DETECTION, 2, showlegend=False)
     roof = boxes[:, :3] + boxes[:, 5:6] * [0, 0, 0.5]
@@ -140,8 +142,8 @@ def frame_in_space(
         mode="markers",
         marker={"size": 4, "color": [[*FOUND.values()][i] for i in fate]},
         hovertext=[
-            f"{text(own['class'])}<br>found by {share:.0%} of the seeds{_points(own['points'])}"
-            for own, share in zip(objects.to_dict("records"), shares, strict=True)
+            f"{text(row['class'])}<br>found by {share:.0%} of the seeds{_points(row['points'])}"
+            for row, share in zip(objects.to_dict("records"), shares, strict=True)
         ],
         **TOLD,
     )

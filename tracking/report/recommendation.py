@@ -1,16 +1,21 @@
-"""Which rig is recommended, by what, and what is said of it."""
+"""Recommended rig of a sweep: by which metric, how far ahead, and how certain that is."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from tracking.findings.best_placement import BestPlacement
-from tracking.findings.evidence import grade, remedy
+from tracking.findings.evidence import Weakness, grade, remedy, weaknesses
 from tracking.findings.failures import Failures, failures
-from tracking.findings.groups import Group
-from tracking.findings.groups import verdicts as verdicts_of
+from tracking.findings.groups import Group, worst_requirements
 from tracking.labels import some
-from tracking.report.headline import Verdict, class_label, headline_label, verdicts
+from tracking.report.headline import (
+    Statement,
+    class_label,
+    headline_label,
+    headline_ranking,
+    statements,
+)
 from tracking.run_folders.sweep import RunFolder
 
 MOST_RIGS = 6  # of one page: the best, which others are compared with
@@ -18,137 +23,150 @@ MOST_RIGS = 6  # of one page: the best, which others are compared with
 
 @dataclass(frozen=True)
 class Recommendation:
-    """What a group recommends, by its `headline_ranking`, `ranked`.
+    """Ranking of the placements of one group, and the one that it recommends, if it has results.
 
-    `by` is the class whose headline metric decides: the only one by its AP, several by the recall
-    of all objects together, "all".
+    `run` has distinct rigs, trained as long as they get.
     """
 
     run: RunFolder
     group: Group
-    by: str
-    ranked: Mapping[str, BestPlacement]
+
+    @cached_property
+    def ranking(self) -> dict[str, BestPlacement]:
+        """Comparison of the placements by class; see `headline_ranking`."""
+        return headline_ranking(self.run, self.group)
+
+    @cached_property
+    def weaknesses(self) -> list[Weakness]:
+        """Weaknesses of the evidence, the heaviest first."""
+        return weaknesses(self.run, self.group)
+
+    @cached_property
+    def statements(self) -> dict[str, Statement]:
+        """Headline of each class, in the order of `ranking`."""
+        return statements(self.run, self.group, self.ranking, self.weaknesses)
+
+    @property
+    def by(self) -> str:
+        """Class whose headline metric decides: the only one; of several all objects, "all"."""
+        classes = [name for name in self.ranking if name != "all"]
+        return classes[0] if len(classes) == 1 or "all" not in self.ranking else "all"
 
     @property
     def best(self) -> BestPlacement:
-        """The recommended placement and the others behind it."""
-        return self.ranked[self.by]
+        """Recommended placement, and the others behind it."""
+        return self.ranking[self.by]
 
     @property
-    def shown(self) -> list[str]:
-        """Placements that the page draws, the best first."""
+    def drawn(self) -> list[str]:
+        """Placements that a page draws, the best first."""
         return [str(name) for name in self.best.sure.index[:MOST_RIGS]]
 
-    def metric(self, run: RunFolder) -> str:
-        """What decides, at the beginning of a sentence."""
-        label = headline_label(run.results, self.by)
-        of = f" of {class_label(self.by)}" if len(self.ranked) > 1 else ""
-        return f"{label[0].upper()}{label[1:]}{of}"
+    @property
+    def metric(self) -> str:
+        """Name of the deciding metric, as a sentence begins with it."""
+        label = headline_label(self.run.results, self.by)
+        of_class = f" of {class_label(self.by)}" if len(self.ranking) > 1 else ""
+        return f"{label[0].upper()}{label[1:]}{of_class}"
 
-    def required(self, run: RunFolder) -> str:
-        """Which requirements the best placement fails, a sentence; "" if there are none."""
-        found = verdicts_of(run, self.group.setting)
-        own = found[found["placement"] == self.best.best]
-        if own.empty:
+    @property
+    def required(self) -> str:
+        """Sentence about the requirements that the best placement fails; "" without any."""
+        worst = worst_requirements(self.run, self.group.setting)
+        of_best = worst[worst["placement"] == self.best.best]
+        if of_best.empty:
             return ""
-        failed = own.loc[~own["met"], "requirement"].tolist()
+        failed = of_best.loc[~of_best["met"], "requirement"].tolist()
         if not failed:
-            return f"{self.best.best} meets all {len(own)} requirements."
-        return f"{self.best.best} fails {len(failed)} of {len(own)} requirements: {some(failed)}."
-
-    @cached_property
-    def verdicts(self) -> dict[str, Verdict]:
-        """By class, in the order of `ranked`."""
-        return dict(zip(self.ranked, verdicts(self.run, self.group, self.ranked), strict=True))
-
-
-def recommendations(
-    run: RunFolder, rankings: Iterable[tuple[Group, Mapping[str, BestPlacement]]]
-) -> list[Recommendation]:
-    """Those of all groups with results, in their order."""
-    found = []
-    for group, ranked in rankings:
-        if ranked:
-            classes = [name for name in ranked if name != "all"]
-            by = classes[0] if len(classes) == 1 or "all" not in ranked else "all"
-            found.append(Recommendation(run, group, by, ranked))
-    return found
+            return f"{self.best.best} meets all {len(of_best)} requirements."
+        fails = f"{self.best.best} fails {len(failed)} of {len(of_best)} requirements"
+        return f"{fails}: {some(failed)}."
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What all groups recommend together.
+    """Recommendation of all groups together.
 
     Attributes:
-        grade: what the evidence is enough for, a heading.
+        grade: what the evidence is sufficient for, a heading.
         best: the placement of the highest mean, by group where they disagree.
         leads: its value and lead, a sentence a group.
-        sure: how sure that is, and whether the groups agree.
-        command: what to run for more evidence; "" if there is enough.
-        beside: of the first group, what is said of the classes that do not decide.
+        certainty: how certain that is, and whether the groups agree.
+        command: command that produces more evidence; "" if there is enough.
+        other_classes: statements of the first group about classes that do not decide.
+        enough: whether the evidence is sufficient.
     """
 
     grade: str
     best: str
     leads: tuple[str, ...]
-    sure: str
+    certainty: str
     command: str
-    beside: tuple[Verdict, ...]
+    other_classes: tuple[Statement, ...]
     enough: bool
 
 
-def answer(run: RunFolder, found: Sequence[Recommendation]) -> Answer:
-    """What the groups say together, at least one; their deciding classes decide."""
-    first, several = [own.verdicts[own.by] for own in found], len(found) > 1
-    every = [own.verdicts[name] for own in found for name in dict.fromkeys((own.by, *own.ranked))]
-    weak = [weakness for own in first for weakness in own.weaknesses]
-    agree, same = _agreement(found)
-    grade_ = "Recommended" if len(same) == 1 else "No rig is ahead of these"
-    if weak:
-        grade_ = "Not enough evidence to recommend a rig"
-    elif not same:
-        grade_ = "The settings disagree"
-    leads = [
-        (f"{said.group}: {said.best}. " if several else "")
-        + f"{own.metric(run)}: {said.lead}."
-        + (f" {said.sure}" if several and not weak else "")
-        for own, said in zip(found, first, strict=True)
+def answer(run: RunFolder, recommended: Sequence[Recommendation]) -> Answer:
+    """Combine the recommendations of one group or more; their deciding classes decide."""
+    deciding, several = (
+        [ranked.statements[ranked.by] for ranked in recommended],
+        len(recommended) > 1,
+    )
+    every = [
+        ranked.statements[name]
+        for ranked in recommended
+        for name in dict.fromkeys((ranked.by, *ranked.ranking))
     ]
+    weak = [weakness for statement in deciding for weakness in statement.weaknesses]
+    agreement, common = _agreement(recommended)
+    heading = "Recommended" if len(common) == 1 else "No rig is ahead of these"
+    if weak:
+        heading = "Not enough evidence to recommend a rig"
+    elif not common:
+        heading = "The settings disagree"
+    leads = [
+        (f"{statement.group}: {statement.best}. " if several else "")
+        + f"{ranked.metric}: {statement.lead}."
+        + (f" {statement.certainty}" if several and not weak else "")
+        for ranked, statement in zip(recommended, deciding, strict=True)
+    ]
+    certainty = grade(weak) or ("" if several else deciding[0].certainty)
+    first = recommended[0]
     return Answer(
-        grade_,
-        some(same) or ", ".join(f"{said.best} ({said.group})" for said in first),
-        tuple(leads),
-        " ".join(filter(None, [agree, grade(weak) or ("" if several else first[0].sure)])),
-        ""
+        grade=heading,
+        best=some(common) or ", ".join(f"{one.best} ({one.group})" for one in deciding),
+        leads=tuple(leads),
+        certainty=" ".join(filter(None, [agreement, certainty])),
+        command=""
         if run.sweep.detections  # whose detectors no command of ours trains
-        else remedy(run.sweep.command, [w for said in every for w in said.weaknesses]),
-        tuple(said for name, said in found[0].verdicts.items() if name != found[0].by),
-        not weak,
+        else remedy(run.sweep.command, [w for statement in every for w in statement.weaknesses]),
+        other_classes=tuple(one for name, one in first.statements.items() if name != first.by),
+        enough=not weak,
     )
 
 
-def _agreement(found: Sequence[Recommendation]) -> tuple[str, list[str]]:
-    """Whether groups agree, a sentence, "" for one; and the placements that are best in all."""
-    same = [n for n in found[0].best.equal if all(n in own.best.equal for own in found)]
-    if len(found) == 1:
-        return "", same
-    if same:
-        return f"{some(same)}: the highest mean in all {len(found)} settings.", same
-    tied = [{*own.best.equal, *own.best.tied} for own in found]
-    close = [n for n in found[0].best.sure.index if all(n in own for own in tied)]
+def _agreement(recommended: Sequence[Recommendation]) -> tuple[str, list[str]]:
+    """Say whether groups agree, "" for one; and list the placements that are best in all."""
+    first = recommended[0].best
+    common = [
+        name for name in first.equal if all(name in ranked.best.equal for ranked in recommended)
+    ]
+    if len(recommended) == 1:
+        return "", common
+    if common:
+        return f"{some(common)}: the highest mean in all {len(recommended)} settings.", common
+    tied = [{*ranked.best.equal, *ranked.best.tied} for ranked in recommended]
+    close = [name for name in first.sure.index if all(name in ranked for ranked in tied)]
     could = f"; {some(close)} may each be the best in all" if close else ""
-    return f"The settings disagree on the best placement{could}.", same
+    return f"The settings disagree on the best placement{could}.", common
 
 
-def compared_failures(
-    run: RunFolder, rankings: Iterable[tuple[Group, Mapping[str, BestPlacement]]]
-) -> Failures | None:
-    """What the recommended rig and the next one behind it found, where both is known.
+def compared_failures(recommended: Sequence[Recommendation]) -> Failures | None:
+    """Compare what the first group's recommended rig and the next one find.
 
-    `run` has distinct rigs, trained as long as they get; `rankings` are groups with their
-    `headline_ranking`.
+    None without results, without a second rig, or where the run has no objects.
     """
-    first = next(iter(recommendations(run, rankings)), None)
-    if first is None or first.best.others.empty:
+    if not recommended or recommended[0].best.others.empty:
         return None
-    return failures(run, first.group, (first.best.best, str(first.best.others.index[0])))
+    first = recommended[0]
+    return failures(first.run, first.group, (first.best.best, str(first.best.others.index[0])))

@@ -1,1 +1,1 @@
-"""The run folders of sweeps and searches: one model for each file, read and checked."""
+"""Run folders of sweeps and searches: one model for each file, read and checked."""

@@ -21,16 +21,15 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 def axes(*lengths: int | None) -> dict[str, tuple[int | None, ...]]:
-    """Metadata of a field whose arrays have these axes; None: of any length."""
+    """Make the metadata of a field whose arrays have these axes; None: of any length."""
     return {"axes": lengths}
 
 
 @dataclass(frozen=True)
 class ArrayFile:
-    """A NumPy archive: a field that is an array under its name, those of a mapping as `field/key`.
+    """NumPy archive: a field that is an array under its name, those of a mapping as `field/key`.
 
-    The metadata of a field are the `axes` of its arrays.
-    """
+    The metadata of a field are the `axes` of its arrays."""
 
     FILE: ClassVar[str]
 
@@ -41,31 +40,35 @@ class ArrayFile:
 
     @classmethod
     def read(cls, folder: Path) -> Self | None:
-        """None if it is not in `folder`. Raises ValueError that names file and array."""
+        """Read the file in `folder`; None if it is missing.
+
+        Raises ValueError that names file and array."""
         path = folder / cls.FILE
         if not is_there(path):
             return None
         arrays = read_npz(path)
-        kinds = {own.name: str(own.type) for own in fields(cls)}
-        found = {
+        kinds = {description.name: str(description.type) for description in fields(cls)}
+        arrays_by_field = {
             name: within(arrays, name) if kind.startswith("dict") else arrays.get(name)
             for name, kind in kinds.items()
         }
-        if missing := [name for name, value in found.items() if value is None]:
-            known = ", ".join(arrays)
-            raise InputError("missing array", place=path, key=", ".join(missing), found=known)
-        whole = cls(**found)
+        if missing := [name for name, value in arrays_by_field.items() if value is None]:
+            names = ", ".join(arrays)
+            raise InputError("missing array", place=path, key=", ".join(missing), found=names)
+        whole = cls(**arrays_by_field)
         with at(path):
             whole._check()
         return whole
 
     def _check(self) -> None:
         """Raise ValueError unless all arrays have the shapes and kinds of the class."""
-        known = {own.name: own for own in fields(self)}
+        by_name = {description.name: description for description in fields(self)}
         for name, array in _flat(vars(self)):
-            own = known[name.partition("/")[0]]
-            wanted = own.metadata["axes"]
-            kinds, holds = ("U", "text") if "np.str_" in str(own.type) else ("iuf", "numbers")
+            description = by_name[name.partition("/")[0]]
+            wanted = description.metadata["axes"]
+            kinds, holds = (
+                ("U", "text") if "np.str_" in str(description.type) else ("iuf", "numbers")
+            )
             if array.dtype.kind not in kinds:
                 raise InputError(key=name, expected=holds, found=array.dtype)
             pairs = zip(wanted, array.shape, strict=False)
@@ -83,7 +86,7 @@ def _flat(arrays: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, NDA
 
 
 def within(arrays: Arrays, field: str) -> dict[str, NDArray[Any]]:
-    """Arrays of the field, a mapping, in the order of the file."""
+    """Select the arrays of a field that is a mapping, in the order of the file."""
     start = f"{field}/"
     return {name[len(start) :]: arrays[name] for name in arrays if name.startswith(start)}
 
@@ -93,15 +96,14 @@ _PLANE = axes(None, None)
 
 @dataclass(frozen=True)
 class Maps(ArrayFile):
-    """What lies around the vehicle and what placements cover of it, over the ROI.
+    """Entropy around the vehicle and what placements cover of it, over the ROI.
 
     By columns of voxels, shape (nx, ny), float32. Older run folders have no residual entropy.
 
     Attributes:
         pog: by class, the entropy in nats, from above.
         coverage: by placement, the covered share, in [0, 1].
-        residual: by placement, the entropy of all classes that no beam covers, nats.
-    """
+        residual: by placement, the entropy of all classes that no beam covers, nats."""
 
     FILE: ClassVar[str] = "maps.npz"
 
@@ -117,14 +119,13 @@ class Maps(ArrayFile):
 
 @dataclass(frozen=True)
 class Frame(ArrayFile):
-    """One frame as every placement sees it, in the ego frame.
+    """Frame as every placement sees it, in the ego frame.
 
     Attributes:
         boxes: ground truth x, y, z, length, width, height, yaw, shape (m, 7), float64.
         labels: class of every box, shape (m,), str.
         points: by placement, x, y, z in metres and intensity, shape (n, 4), float32.
-        lidar: by placement, the mount that each point comes from, shape (n,), uint8.
-    """
+        lidar: by placement, the mount that each point comes from, shape (n,), uint8."""
 
     FILE: ClassVar[str] = "frame.npz"
 
@@ -138,7 +139,7 @@ class Frame(ArrayFile):
         if (boxes := len(self.boxes)) != len(self.labels):
             raise InputError(key="labels", expected=f"{boxes}, one per box", found=len(self.labels))
         for name in {**self.points, **self.lidar}:
-            points, lidar = (len(own.get(name, ())) for own in (self.points, self.lidar))
+            points, lidar = (len(arrays.get(name, ())) for arrays in (self.points, self.lidar))
             if points != lidar:
                 wanted = f"{points}, one per point"
                 raise InputError(key=f"lidar/{name}", expected=wanted, found=lidar)
@@ -166,7 +167,7 @@ class FailureFrames(ArrayFile):
     detections: dict[str, NDArray[np.float64]] = field(metadata=axes(None, 8))
 
     def are_of(self, rigs: tuple[str, str], objects: pd.Series) -> bool:
-        """Whether they show objects of these numbers under these two rigs, in this order."""
+        """Tell whether they show objects of these numbers under these two rigs, in this order."""
         return self.rigs.tolist() == [*rigs] and bool(np.isin(self.objects, objects).all())
 
     def _check(self) -> None:
@@ -183,8 +184,7 @@ class UnseenMaps(ArrayFile):
 
     Attributes:
         pog: by class, all of it.
-        unseen: by class and rig, that of the voxels which no beam covers.
-    """
+        unseen: by class and rig, that of the voxels which no beam covers."""
 
     FILE: ClassVar[str] = "maps.npz"
 
@@ -193,24 +193,23 @@ class UnseenMaps(ArrayFile):
 
     @classmethod
     def read(cls, folder: Path) -> UnseenMaps:
-        """Without any map if they are not in `folder`. Raises ValueError as that of others."""
-        found = super().read(folder) or cls({}, {})
-        unseen = dict(_flat(found.unseen))
+        """Read the maps in `folder`, none if the file is missing; raises ValueError as others."""
+        maps = super().read(folder) or cls({}, {})
+        unseen = dict(_flat(maps.unseen))
         classes = dict.fromkeys(name.partition("/")[0] for name in unseen)
-        return cls(found.pog, {name: within(unseen, name) for name in classes})
+        return cls(maps.pog, {name: within(unseen, name) for name in classes})
 
 
 @dataclass(frozen=True)
 class Grounds(ArrayFile):
-    """What every place around the vehicle has of what is required there; see `Ground`.
+    """Values of every place around the vehicle relative to a requirement; see `Ground`.
 
     Attributes:
         body: `lidarplace.mounting.outline.outline` of the vehicle, metres, shape (n, 2), float64.
         names: the requirements, shape (r,), str.
-        x, y: by number of the requirement, middles of cells, metres, shapes (nx,) and (ny,),
+        x, y: by number of the requirement, centres of cells, metres, shapes (nx,) and (ny,),
             float64.
-        least: by that number and the rig, as `0/line`, shape (nx, ny), float32.
-    """
+        least: by that number and the rig, as `0/line`, shape (nx, ny), float32."""
 
     FILE: ClassVar[str] = "requirements.npz"
 
@@ -224,16 +223,16 @@ class Grounds(ArrayFile):
     def of(
         cls, body: NDArray[np.float64], names: Sequence[str], by_rig: Mapping[str, Sequence[Ground]]
     ) -> Grounds:
-        """Those of each rig, in the order of the requirements' `names`."""
-        found = cls(body, np.array(names), {}, {}, {})
+        """Collect the grounds of each rig, in the order of the requirements' `names`."""
+        collected = cls(body, np.array(names), {}, {}, {})
         for rig, grounds in by_rig.items():
             for number, ground in enumerate(grounds):
-                found.x[str(number)], found.y[str(number)] = ground.x, ground.y
-                found.least[f"{number}/{rig}"] = ground.least.astype(np.float32)
-        return found
+                collected.x[str(number)], collected.y[str(number)] = ground.x, ground.y
+                collected.least[f"{number}/{rig}"] = ground.least.astype(np.float32)
+        return collected
 
     def under(self, rig: str, requirement: str) -> Ground | None:
-        """The ground of a requirement under a rig; None if it is not kept."""
+        """Return the ground of a requirement under a rig; None if it is not kept."""
         names = self.names.tolist()
         number = str(names.index(requirement)) if requirement in names else ""
         least = self.least.get(f"{number}/{rig}")

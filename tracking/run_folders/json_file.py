@@ -1,4 +1,4 @@
-"""What a sweep or a search says of itself in a file of JSON: written from its model, and read."""
+"""JSON file with the result of a sweep or a search: written from its model, and read."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lidarplace.mounting.vehicle import Vehicle
 
 
 class Part(BaseModel):
-    """Frozen; keys that a page does not show are ignored."""
+    """Part of a result file: frozen; keys that a page does not show are ignored."""
 
     model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
@@ -27,7 +27,7 @@ Model = TypeVar("Model", bound=Part)
 
 
 class ResultFile(Part):
-    """The whole of a file."""
+    """Whole of a result file."""
 
     FILE: ClassVar[str]
 
@@ -39,7 +39,7 @@ class ResultFile(Part):
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Read it in `folder`; raises as `read_result_file`."""
+        """Read the file in `folder`; raises as `read_result_file`."""
         return read_result_file(folder / cls.FILE, cls)
 
 
@@ -58,14 +58,14 @@ MOST_DRAWN, FINEST_M = 5000, 0.02
 
 
 class Triangles(Part):
-    """A surface: corners in metres, and which three of them a triangle has."""
+    """Surface: corners in metres, and which three of them a triangle has."""
 
     vertices: tuple[Point, ...]
     faces: tuple[tuple[int, int, int], ...]
 
     @classmethod
     def of(cls, mesh: Mesh | None) -> Triangles | None:
-        """What a picture shows of a mesh: at most `MOST_DRAWN` triangles."""
+        """Simplify a mesh for pictures to at most `MOST_DRAWN` triangles."""
         if mesh is None:
             return None
         edge = FINEST_M
@@ -75,7 +75,7 @@ class Triangles(Part):
 
     @property
     def mesh(self) -> Mesh:
-        """The surface."""
+        """Surface as a mesh."""
         return Mesh(np.array(self.vertices), np.array(self.faces))
 
     @model_validator(mode="after")
@@ -93,9 +93,9 @@ def _possible(boxes: tuple[tuple[Point, Point], ...]) -> tuple[tuple[Point, Poin
 
 
 Boxes = Annotated[tuple[tuple[Point, Point], ...], AfterValidator(_possible)]
-"""Lowest and highest corner of each, metres, ego frame."""
+"""Lowest and highest corner of each box, metres, ego frame."""
 
 
 def drawn_vehicle(boxes: Boxes, mesh: Triangles | None) -> Vehicle:
-    """The vehicle that pictures show."""
+    """Make the vehicle that pictures show."""
     return Vehicle("vehicle", np.array(boxes), None if mesh is None else mesh.mesh)

@@ -1,4 +1,4 @@
-"""The folder that a search leaves behind, read into one object."""
+"""Folder of a search, read into one object."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lidarplace.files.regular import is_there
 from tracking.run_folders.arrays import Grounds, UnseenMaps
 from tracking.run_folders.search_json import Rig, SearchResult
 from tracking.run_folders.search_tables import TABLES, TRIALS
-from tracking.run_folders.table import Column, DType
+from tracking.run_folders.table_schema import Column, DType
 
 _ANGLES = ("roll", "pitch", "yaw")
 _OF_LIDAR = re.compile(r"lidar_\d+\.(model|zone|\w+_m|\w+_deg)")
@@ -26,11 +26,10 @@ _OF_LIDAR = re.compile(r"lidar_\d+\.(model|zone|\w+_m|\w+_deg)")
 
 @dataclass(frozen=True)
 class SearchFolder:
-    """Everything that a search left in `path`.
+    """Files that a search left in `path`.
 
-    `search.json` and `trials.parquet` must be there; the others are None or empty when the search
-    did not make them. `docs/run_folder.md` says what they hold.
-    """
+    `search.json` and `trials.parquet` must be there; the others are None or empty when the
+    search did not make them. `docs/run_folder.md` describes them."""
 
     path: Path
     search: SearchResult
@@ -52,23 +51,23 @@ class SearchFolder:
     def evaluated(self) -> pd.DataFrame:
         """Trials that have a value of every objective."""
         values = [f"value.{objective.name}" for objective in self.search.objectives]
-        done = (self.trials["state"] == "COMPLETE") & self.trials[values].notna().all(axis=1)
-        return self.trials[done]
+        with_values = (self.trials["state"] == "COMPLETE") & self.trials[values].notna().all(axis=1)
+        return self.trials[with_values]
 
     def rig_of(self, trial: pd.Series) -> Rig | None:
-        """The rig of a row of `trials`, without values with all rays; None without a LiDAR."""
+        """Return the rig of a row of `trials`, without exact values; None without a LiDAR."""
         numbers = takewhile(lambda n: pd.notna(trial.get(f"lidar_{n}.model")), count(1))
         lidars = [f"lidar_{n}." for n in numbers]
         if not lidars:
             return None
-        positions = [[float(trial[f"{own}{axis}_m"]) for axis in "xyz"] for own in lidars]
-        angles = [[float(trial[f"{own}{name}_deg"]) for name in _ANGLES] for own in lidars]
-        zones = [trial[f"{own}zone"] for own in lidars]
+        positions = [[float(trial[f"{lidar}{axis}_m"]) for axis in "xyz"] for lidar in lidars]
+        angles = [[float(trial[f"{lidar}{name}_deg"]) for name in _ANGLES] for lidar in lidars]
+        zones = [trial[f"{lidar}zone"] for lidar in lidars]
         searched = {o.name: trial[f"value.{o.name}"] for o in self.search.objectives}
         return Rig(
             role="found",
             mounts=np.hstack([positions, np.radians(angles)]).tolist(),
-            models=[trial[f"{own}model"] for own in lidars],
+            models=[trial[f"{lidar}model"] for lidar in lidars],
             zones=[None if pd.isna(zone) else zone or None for zone in zones],
             values={},
             searched=searched,
@@ -80,8 +79,7 @@ class SearchFolder:
     def read(cls, path: Path) -> SearchFolder:
         """Read the run folder `path`.
 
-        Raises ValueError: it is no folder of a search, or a file lacks what it must have.
-        """
+        Raises ValueError: it is no folder of a search, or a file lacks what it must have."""
         path = Path(path)
         if missing := [n for n in (SearchResult.FILE, TRIALS.file) if not is_there(path / n)]:
             raise InputError(f"not a search's run folder; missing {', '.join(missing)}", place=path)
@@ -102,11 +100,11 @@ class SearchFolder:
 
 
 def _trials(search: SearchResult, path: Path) -> pd.DataFrame:
-    """The table of trials, with the columns of as many LiDARs as there are checked, too."""
+    """Read the table of trials, and check the columns of as many LiDARs as there are, too."""
     trials = search.trials_table.read(path)
     for name in trials.columns:
-        if found := _OF_LIDAR.fullmatch(str(name)):
-            kind: DType = "str" if found[1] in ("model", "zone") else "float64"
+        if match := _OF_LIDAR.fullmatch(str(name)):
+            kind: DType = "str" if match[1] in ("model", "zone") else "float64"
             column = Column(str(name), kind, "of a LiDAR", finite=kind == "float64")
             column.check(trials[name], path / TRIALS.file)
             trials[name] = column.plain(trials[name])

@@ -1,4 +1,4 @@
-"""What a search writes as `search.json`: what was searched, what was found, how good it can be."""
+"""Result file of a search, `search.json`: what was searched, the best rigs, and their bound."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from lidarplace.rigs.placement import Mount
 from tracking.run_folders.json_file import Boxes, Part, ResultFile, Triangles, drawn_vehicle
 from tracking.run_folders.search_tables import trials_of
 from tracking.run_folders.sweep_json import Pose
-from tracking.run_folders.table import Table
+from tracking.run_folders.table_schema import TableSchema
 
 
 class Objective(Part):
-    """A value that the search makes large or small."""
+    """Value that the search makes large or small."""
 
     name: str
     by: str  # the surrogate or metric, in words of the configuration
@@ -29,7 +29,7 @@ class Objective(Part):
 
     @property
     def sign(self) -> int:
-        """1 if larger is better, else -1."""
+        """Sign of improvement: 1 if larger is better, else -1."""
         return 1 if self.direction == "maximize" else -1
 
     @property
@@ -39,12 +39,12 @@ class Objective(Part):
 
     @property
     def better(self) -> str:
-        """Which way is better, for an axis."""
+        """Direction of improvement, for an axis."""
         return "more is better" if self.sign > 0 else "less is better"
 
 
 class Constraint(Part):
-    """A measure of a rig that must be at most, or at least, `limit`."""
+    """Measure of a rig that must be at most, or at least, `limit`."""
 
     name: str
     unit: str
@@ -53,10 +53,9 @@ class Constraint(Part):
 
 
 class Zone(Part):
-    """Where LiDARs may sit: a polygon from above, corners in metres, between two heights.
+    """Zone for LiDARs: a polygon from above, corners in metres, between two heights.
 
-    Angles are the lowest and the highest of a mount there, degrees.
-    """
+    Angles are the lowest and the highest of a mount there, degrees."""
 
     name: str
     polygon: tuple[tuple[float, float], ...]
@@ -67,7 +66,7 @@ class Zone(Part):
 
 
 class Model(Part):
-    """A LiDAR model that the search could choose; `price` is None where it is not known."""
+    """LiDAR model that the search could choose; `price` is None where it is not known."""
 
     price: float | None
     beams: int
@@ -75,7 +74,7 @@ class Model(Part):
 
 
 class Rig(Part):
-    """A placement with what it measures, as JSON that is readable without this project."""
+    """Placement with its measures, as JSON that is readable without this project."""
 
     role: Literal["found", "greedy", "paper"]
     feasible: bool
@@ -87,29 +86,29 @@ class Rig(Part):
     measures: dict[str, float | None]  # by constraint
 
     def value(self, objective: Objective) -> float:
-        """With all rays; NaN if it was not evaluated."""
+        """Return the value with all rays; NaN if it was not evaluated."""
         return _known(self.values.get(objective.name))
 
     def searched_value(self, objective: Objective) -> float:
-        """As the search computes it; NaN if it was not evaluated."""
+        """Return the value as the search computes it; NaN if it was not evaluated."""
         return _known(self.searched.get(objective.name))
 
     @property
     def placed(self) -> tuple[Mount, ...]:
-        """The mounts as poses."""
+        """Mounts as poses."""
         return tuple(Mount(*mount) for mount in self.mounts)
 
     @model_validator(mode="after")
     def _as_many(self) -> Rig:
         mounts, models, zones = map(len, (self.mounts, self.models, self.zones))
         if not 0 < mounts == models == zones:
-            found = f"{mounts} mounts, {models} models, {zones} zones"
-            raise InputError(expected="one model and one zone per mount", found=found)
+            counts = f"{mounts} mounts, {models} models, {zones} zones"
+            raise InputError(expected="one model and one zone per mount", found=counts)
         return self
 
 
 class Bound(Part):
-    """How good the first objective can be over a grid of candidate mounts, as searched."""
+    """Bound of the first objective over a grid of candidate mounts, as searched."""
 
     value: float | None = None  # no rig of the candidates is better; None if there is no bound
     by_gains: float | None = None  # the bound from marginal gains alone, which `value` may tighten
@@ -121,14 +120,14 @@ class Bound(Part):
 
 
 class Stride(Part):
-    """Every `azimuth_stride`-th azimuth step was fired, with this relative error of the values."""
+    """Thinning of rays to every `azimuth_stride`-th azimuth step, with the relative error."""
 
     azimuth_stride: int
     relative_error: float | None = None
 
 
 class Command(Part):
-    """A line for the shell and what it does."""
+    """Line for the shell and what it does."""
 
     what: str
     line: str
@@ -215,24 +214,24 @@ class SearchResult(ResultFile):
 
     @property
     def body(self) -> Vehicle:
-        """The vehicle that pictures show."""
+        """Vehicle that pictures show."""
         return drawn_vehicle(self.vehicle, self.vehicle_mesh)
 
     @property
     def first(self) -> Objective:
-        """The objective that decides where one figure is reported."""
+        """Objective that decides where one figure is reported."""
         return self.objectives[0]
 
     @property
     def strided(self) -> str:
-        """Which rays the search fired, as words; "" if it fired all, or none at all."""
+        """Description of the rays that the search fired; "" if it fired all, or none at all."""
         if self.stride is None or self.stride.azimuth_stride <= 1:
             return ""
         return f"rays of 1 in {self.stride.azimuth_stride} azimuth steps"
 
     @property
-    def trials_table(self) -> Table:
-        """What the table of trials holds."""
+    def trials_table(self) -> TableSchema:
+        """Contract of the table of trials."""
         return trials_of((o.name for o in self.objectives), (c.name for c in self.constraints))
 
     @model_validator(mode="after")

@@ -1,10 +1,10 @@
-"""The tables of a search's run folder."""
+"""Tables of a search's run folder."""
 
 from collections.abc import Iterable
 from dataclasses import replace
 
 from tracking.run_folders.sweep_tables import REQUIREMENTS as OF_SWEEPS
-from tracking.run_folders.table import Column, Table
+from tracking.run_folders.table_schema import Column, TableSchema
 
 _RIG = Column("rig", "str", "its name")
 _BOUNDS = ("low", "high")
@@ -12,7 +12,7 @@ _VALUE = Column("value.OBJECTIVE", "float64", "as the search computes it")
 _VIOLATION = Column(
     "violation.CONSTRAINT", "float64", "in the constraint's unit; kept if 0 or less"
 )
-TRIALS = Table.of(
+TRIALS = TableSchema.of(
     "trials",
     "a trial",
     Column("number", "int64", "from 0"),
@@ -31,22 +31,22 @@ TRIALS = Table.of(
     Column("lidar_N.roll_deg", "float64", "degrees; and `pitch_deg`, `yaw_deg`", needed=False),
     needed=True,
 )
-"""With capitals for what depends on the search, see `trials_of`."""
-BOUND = Table.of(
+"""Trials of a search, with capitals for what depends on the search, see `trials_of`."""
+BOUND = TableSchema.of(
     "bound",
     "a step of the upper bound",
     Column("seconds", "float64", "since it was begun, s"),
     Column("bound", "float64", "of the first objective"),
     Column("kind", "str", "what gave it"),
 )
-GREEDY = Table.of(
+GREEDY = TableSchema.of(
     "greedy",
     "a step of greedy choice, with columns of the LiDARs as `trials` has them",
     Column("step", "int64", "from 1"),
     Column("gain", "float64", "of the objective"),
     Column("value", "float64", "after the step"),
 )
-ROBUSTNESS = Table.of(
+ROBUSTNESS = TableSchema.of(
     "robustness",
     "an objective of a rig in one case",
     _RIG,
@@ -58,7 +58,7 @@ ROBUSTNESS = Table.of(
     Column("share", "float64", "the value by that of the rig as designed"),
     key=("rig", "case", "objective"),
 )
-VERIFIED = Table.of(
+VERIFIED = TableSchema.of(
     "verified",
     "a metric of a rig that detectors were trained for",
     _RIG,
@@ -91,8 +91,8 @@ REQUIREMENTS = replace(
 TABLES = (TRIALS, BOUND, GREEDY, ROBUSTNESS, REQUIREMENTS, CHOSEN, VERIFIED)  # all of them
 
 
-def trials_of(objectives: Iterable[str], constraints: Iterable[str]) -> Table:
-    """`TRIALS` with a value of each objective and a violation of each constraint."""
+def trials_of(objectives: Iterable[str], constraints: Iterable[str]) -> TableSchema:
+    """Make `TRIALS` with a value of each objective and a violation of each constraint."""
     values = [replace(_VALUE, name=f"value.{name}") for name in objectives]
     violations = [replace(_VIOLATION, name=f"violation.{name}") for name in constraints]
     at = TRIALS.columns.index(_VALUE)

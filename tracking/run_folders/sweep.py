@@ -1,4 +1,4 @@
-"""The folder that a sweep leaves behind, read into one object."""
+"""Folder of a sweep, read into one object."""
 
 from __future__ import annotations
 
@@ -22,16 +22,15 @@ from tracking.run_folders.sweep_json import SweepResult
 from tracking.run_folders.sweep_tables import RESULTS, SURROGATES, TABLES, TRIALS
 
 _LOCK = ".lock"
-"""File that a sweep leaves in its folder from the start; it writes the others at its end."""
+"""Name of the file that a sweep writes at its start; it writes the others at its end."""
 
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Everything that a sweep left in `path`.
+    """Files that a sweep left in `path`.
 
-    `config.yaml`, `sweep.json` and the needed tables must be there; what the sweep did not make is
-    None. A sweep of surrogates alone has no results, and trials whose detector is "".
-    """
+    `config.yaml`, `sweep.json` and the needed tables must be there; what the sweep did not make
+    is None. A sweep of surrogates alone has no results, and trials whose detector is ""."""
 
     path: Path
     config: str  # text of the resolved configuration
@@ -71,9 +70,9 @@ class RunFolder:
     def read(cls, path: Path) -> RunFolder:
         """Read the run folder `path`.
 
-        Raises ValueError: it is not a run folder, its sweep has not finished, or a file is missing
-            or lacks what it must have.
-        """
+        Raises ValueError: it is not a run folder, its sweep has not finished, or a file is
+        missing
+            or lacks what it must have."""
         path = Path(path)
         needed = [table.file for table in TABLES if table.needed]
         required = ["config.yaml", SweepResult.FILE, *needed]

@@ -1,10 +1,11 @@
-"""What a sweep writes as `sweep.json`: what was compared, on how much, and how to do it again."""
+"""Result file of a sweep, `sweep.json`: what was compared, on how much, and how to repeat it."""
 
 from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat
+from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat, model_validator
 
 from lidarplace.base.roi import Roi
+from lidarplace.configuration.renamed_keys import current_key, with_current_keys
 from lidarplace.configuration.settings import Count, CountFromOne
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
@@ -22,14 +23,14 @@ Pose = Annotated[_Numbers, AfterValidator(_possible)]
 
 
 class Frames(Part):
-    """How many frames there are of each split."""
+    """Number of frames of each split."""
 
     train: Count
     test: Count
 
 
 class Rung(Part):
-    """A step of `promote`, as the configuration has it."""
+    """Step of `promote`, as the configuration has it."""
 
     by: str
     keep: CountFromOne
@@ -39,7 +40,7 @@ class Rung(Part):
 
 
 class LidarModel(Part):
-    """A LiDAR model; angles in degrees."""
+    """LiDAR model; angles in degrees."""
 
     name: str | None = None  # of the catalogue
     price_usd: Annotated[FiniteFloat, Field(gt=0)] | None = None  # what a source asked for one
@@ -49,7 +50,7 @@ class LidarModel(Part):
 
 
 class Anchor(Part):
-    """The size that detectors start from, of a class that has not the preset's; metres."""
+    """Size that detectors start from, of a class that the preset does not define; metres."""
 
     name: str  # of the class
     size: tuple[FiniteFloat, FiniteFloat, FiniteFloat]  # length, width, height
@@ -57,7 +58,7 @@ class Anchor(Part):
 
 
 class SweepResult(ResultFile):
-    """`sweep.json`; lengths in metres, angles in radians. Older ones lack the last keys."""
+    """Content of `sweep.json`; lengths in metres, angles in radians; older ones lack last keys."""
 
     FILE: ClassVar[str] = "sweep.json"
     model_config = ConfigDict(extra="allow")  # the report shows all that the file says
@@ -86,8 +87,8 @@ class SweepResult(ResultFile):
     """Warnings about its rigs."""
     promote: tuple[Rung, ...] = ()
     """What each rung ranked by, kept and set."""
-    judge: str = "specialist"
-    """Which detector evaluates a placement, unless `judge` is an axis."""
+    evaluator: str = "specialist"
+    """What evaluates a placement, unless `evaluator` is an axis; `judge` in older files."""
     detections: dict[str, tuple[str, ...]] = Field({})
     """Files of detections from elsewhere by placement, which `lidarplace evaluate` read; none of a
     sweep."""
@@ -106,12 +107,25 @@ class SweepResult(ResultFile):
     vehicle_mesh: Triangles | None = None
     """Its mesh, if it has one, in so few triangles that it can be drawn."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _with_current_keys(cls, content: Any) -> Any:
+        """Read the names of keys and axes that older versions wrote."""
+        if not isinstance(content, dict):
+            return content
+        content = with_current_keys(content)
+        if isinstance(axes := content.get("axes"), list):
+            content["axes"] = [current_key(str(axis)) for axis in axes]
+        if isinstance(settings := content.get("pictured"), dict):
+            content["pictured"] = with_current_keys(settings)
+        return content
+
     @property
     def body(self) -> Vehicle | None:
-        """The vehicle that pictures show; None for a sedan, and of older files."""
+        """Vehicle that pictures show; None for a sedan, and of older files."""
         return None if self.vehicle is None else drawn_vehicle(self.vehicle, self.vehicle_mesh)
 
     @property
     def rigs(self) -> dict[str, tuple[Mount, ...]]:
-        """The mounts by the placement's name."""
+        """Mounts by the placement's name."""
         return {name: tuple(Mount(*m) for m in mounts) for name, mounts in self.placements.items()}

@@ -1,9 +1,9 @@
-"""The tables of a sweep's run folder."""
+"""Tables of a sweep's run folder."""
 
 import math
 
 from lidarplace.base.metrics import METRICS
-from tracking.run_folders.table import Column, Table
+from tracking.run_folders.table_schema import Column, TableSchema
 
 _EVERY_AXIS = ("",)
 _SCENE_AXES = ("scene", "roi")
@@ -11,12 +11,12 @@ _SURROGATE_AXES = ("scene", "roi", "lidar", "vehicle", "weather", "surrogate")
 _CLOUD_AXES = ("scene", "roi", "lidar", "vehicle", "weather", "mounting_errors")
 
 _TRIAL = Column("trial", "str", "key of the trial, as in `--dry-run` and MLflow")
-_PLACEMENT = Column("placement", "str", "its name")
+PLACEMENT = Column("placement", "str", "its name")
 _DETECTOR = Column("detector", "str", "its name; empty without one", unknown="")
 _SEED = Column("seed", "int64", "seed of the training")
 _CLASS = Column("class", "str", "object class")
 _SURROGATE = Column("surrogate", "str", "its name in the configuration")
-_OF_SURROGATE = (_PLACEMENT, _CLASS, _SURROGATE)
+_OF_SURROGATE = (PLACEMENT, _CLASS, _SURROGATE)
 _METHOD = Column("method", "str", "method of coverage or of rays: `cone`, `dda`, `bresenham`")
 _PERCENT = Column("value", "float64", "percent", finite=True)
 _FROM = Column("from_m", "float64", "inner bound of the ring around the vehicle, m")
@@ -24,7 +24,7 @@ _RING = (_FROM, Column("to_m", "float64", "outer bound, m"))
 _METRICS = [f"`{name}`" for name in METRICS]
 _OF_TRIAL = (
     _TRIAL,
-    _PLACEMENT,
+    PLACEMENT,
     Column("detector", "str", "its name"),
     _SEED,
     Column("class", "str", "object class; `all` for the recall of all objects"),
@@ -32,7 +32,7 @@ _OF_TRIAL = (
     Column("iou", "float64", "the least overlap of a detection that counts; 0: of no single one"),
 )
 
-RESULTS = Table.of(
+RESULTS = TableSchema.of(
     "results",
     "an evaluation's metric of a class",
     *_OF_TRIAL,
@@ -43,7 +43,7 @@ RESULTS = Table.of(
     axes=_EVERY_AXIS,
     key=("placement", "detector", "seed", "class", "metric", "iou", "difficulty"),
 )
-SURROGATES = Table.of(
+SURROGATES = TableSchema.of(
     "surrogates",
     "a surrogate of a class",
     *_OF_SURROGATE,
@@ -65,10 +65,10 @@ SURROGATES = Table.of(
     axes=_SURROGATE_AXES,
     key=("placement", "class", "surrogate"),
 )
-TRIALS = Table.of(
+TRIALS = TableSchema.of(
     "trials",
     "a trial, finished or not",
-    *(_TRIAL, _PLACEMENT, _DETECTOR, _SEED),
+    *(_TRIAL, PLACEMENT, _DETECTOR, _SEED),
     Column("seconds", "float64", "of training and evaluation, else of the surrogates, s"),
     Column("status", "str", "`finished`, `failed` or `pruned`"),
     Column("error", "str", "why it failed or was pruned"),
@@ -76,7 +76,7 @@ TRIALS = Table.of(
     axes=_EVERY_AXIS,
     key=("trial",),
 )
-CURVES = Table.of(
+CURVES = TableSchema.of(
     "curves",
     "a value of an epoch of a training",
     _TRIAL,
@@ -84,21 +84,21 @@ CURVES = Table.of(
     Column("metric", "str", "`loss` and its parts, `seconds`, …"),
     Column("value", "float64", "of the epoch"),
 )
-PR_CURVES = Table.of(
+PR_CURVES = TableSchema.of(
     "pr_curves",
     "a point of the precision-recall curve of an AP",
     *_OF_TRIAL,
     *(Column(name, "float64", "percent") for name in ("recall", "precision")),
     axes=_EVERY_AXIS,
 )
-DISTANCE = Table.of(
+DISTANCE = TableSchema.of(
     "distance",
     "a metric of the objects in one ring around the vehicle",
     *(*_OF_TRIAL, *_RING, _PERCENT),
     Column("ground_truths", "int64", "boxes of the ground truth in the ring"),
     axes=_EVERY_AXIS,
 )
-SECTOR = Table.of(
+SECTOR = TableSchema.of(
     "sector",
     "the recall of the objects in one sector around the vehicle",
     *_OF_TRIAL,
@@ -109,7 +109,7 @@ SECTOR = Table.of(
     Column("ground_truths", "int64", "boxes of the ground truth in the sector"),
     axes=_EVERY_AXIS,
 )
-LEFT_OUT = Table.of(
+LEFT_OUT = TableSchema.of(
     "left_out",
     "a result without one route, one individual or half of the routes of the test frames",
     *_OF_TRIAL,
@@ -131,17 +131,17 @@ LEFT_OUT = Table.of(
     ),
     axes=_EVERY_AXIS,
 )
-POINTS = Table.of(
+POINTS = TableSchema.of(
     "points",
     "points on the objects of a class in one ring of the test frames",
-    *(_PLACEMENT, _CLASS, *_RING),
+    *(PLACEMENT, _CLASS, *_RING),
     Column("objects", "int64", "in the ring"),
     *(Column(name, "float64", "points an object") for name in ("mean", "median")),
     Column("p10", "float64", "10 % quantile of the points per object"),
     Column("unseen", "float64", "share of the objects without a point"),
     axes=_CLOUD_AXES,
 )
-INDIVIDUALS = Table.of(
+INDIVIDUALS = TableSchema.of(
     "individuals",
     "an object on one route of one split",
     Column("split", "str", "`train` or `test`"),
@@ -151,7 +151,7 @@ INDIVIDUALS = Table.of(
     Column("boxes", "int64", "frames in which it counts"),
     axes=_SCENE_AXES,
 )
-OBJECTS = Table.of(
+OBJECTS = TableSchema.of(
     "objects",
     "an object in one test frame, of those that count",
     Column("object", "int64", "its number, from 0"),
@@ -166,7 +166,7 @@ OBJECTS = Table.of(
     Column("occluded", "int64", "KITTI's level of it: 0 fully visible, 1 partly, 2 largely"),
     axes=_SCENE_AXES,
 )
-FOUND = Table.of(
+FOUND = TableSchema.of(
     "found",
     "an object and a trial",
     _TRIAL,
@@ -174,7 +174,7 @@ FOUND = Table.of(
     Column("points", "int64", "points on it, if known", False, math.nan),
     Column("found", "bool", "whether `class_recall_3D` counts it at KITTI's strict IoU"),
 )
-ACCURACY = Table.of(
+ACCURACY = TableSchema.of(
     "accuracy",
     "a surrogate computed in one of several ways",
     *_OF_SURROGATE,
@@ -189,7 +189,7 @@ ACCURACY = Table.of(
     Column("pog_seconds", "float64", "duration for the POG and its dependent values, s"),
     axes=_SURROGATE_AXES,
 )
-SAMPLING_ERROR = Table.of(
+SAMPLING_ERROR = TableSchema.of(
     "sampling_error",
     "a surrogate's error by the choice of the frames",
     *_OF_SURROGATE,
@@ -202,7 +202,7 @@ SAMPLING_ERROR = Table.of(
     axes=_SURROGATE_AXES,
     key=("placement", "class", "surrogate"),
 )
-POG_RESAMPLES = Table.of(
+POG_RESAMPLES = TableSchema.of(
     "pog_resamples",
     "a surrogate of one draw of the frames, the same for all placements",
     *_OF_SURROGATE,
@@ -211,10 +211,10 @@ POG_RESAMPLES = Table.of(
     axes=_SURROGATE_AXES,
     key=("placement", "class", "surrogate", "resample"),
 )
-REQUIREMENTS = Table.of(
+REQUIREMENTS = TableSchema.of(
     "requirements",
     "a requirement under a placement in one case, as built first",
-    _PLACEMENT,
+    PLACEMENT,
     Column("requirement", "str", "its name"),
     Column("measure", "str", "`points`, `cells`, …, and by how many sensors"),
     Column("at_least", "float64", "required value"),
@@ -234,11 +234,11 @@ REQUIREMENTS = Table.of(
     Column("at_worst", "float64", "the worst value found"),
     axes=("lidar", "vehicle", "weather", "surrogate"),
 )
-PROMOTIONS = Table.of(
+PROMOTIONS = TableSchema.of(
     "promotions",
     "a placement on a rung of `promote`",
     Column("rung", "int64", "from 0"),
-    *(_DETECTOR, _PLACEMENT),
+    *(_DETECTOR, PLACEMENT),
     Column("by", "str", "the surrogate or metric that ranks"),
     Column("class", "str", "of that value; `all` for a sum over classes"),
     Column("value", "float64", "that it was ranked by"),
@@ -247,7 +247,7 @@ PROMOTIONS = Table.of(
     Column("seconds", "float64", "of this rung alone, s"),
     Column("setting", "str", "what the rung's trainings change"),
 )
-TASKS = Table.of(
+TASKS = TableSchema.of(
     "tasks",
     "a task of the sweep that has a result",
     Column("stage", "str", "`scene`, `pog`, `surrogates`, …"),
@@ -262,7 +262,7 @@ TASKS = Table.of(
     Column("batch_size_reduced", "bool", "because of a GPU's memory", False, False),
 )
 
-TABLES: tuple[Table, ...] = (RESULTS, SURROGATES, TRIALS, CURVES, PR_CURVES)
+TABLES: tuple[TableSchema, ...] = (RESULTS, SURROGATES, TRIALS, CURVES, PR_CURVES)
 TABLES += (DISTANCE, SECTOR, LEFT_OUT, POINTS, INDIVIDUALS, ACCURACY, SAMPLING_ERROR, POG_RESAMPLES)
 TABLES += (OBJECTS, FOUND, REQUIREMENTS, PROMOTIONS, TASKS)
 """All of them."""

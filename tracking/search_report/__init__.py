@@ -1,1 +1,1 @@
-"""The result of a search: one HTML file that works offline."""
+"""Result of a search: one HTML file that works offline."""

@@ -1,4 +1,4 @@
-"""Build `search.html` from the run folder of a search."""
+"""Page of a search, `search.html`, from its run folder."""
 
 import json
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from lidarplace.requirements.tables import worst_cases
 from tracking.figures import of_searches
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.labels import DASH, digits, number
-from tracking.pages.page import write_page
+from tracking.pages.html_page import write_page
 from tracking.pages.requirements import ALONE, counted, draw_failures, verdict_table
 from tracking.pages.section import MOST_ROWS, Section, Table
 from tracking.run_folders.search import SearchFolder
@@ -26,9 +26,11 @@ MOST_BEST = 4
 
 
 def build_search_report(folder: Path) -> Path:
-    """Write `search.html` into the run folder of a search and return its path. One file that loads
-    nothing from a network, see `tracking.pages.page`. What the search did not make is left out.
-    Raises ValueError: `folder` is no folder of a search, see `SearchFolder.read`."""
+    """Write `search.html` into the run folder of a search and return its path.
+
+    One file that loads nothing from a network, see `tracking.pages.html_page`. What the search did
+    not make is left out. Raises ValueError: `folder` is no folder of a search, see
+    `SearchFolder.read`."""
     run = SearchFolder.read(folder)
     search = run.search
     parts: list[Callable[[SearchFolder], Section | None]]
@@ -50,16 +52,16 @@ def build_search_report(folder: Path) -> Path:
 
 
 def _mounts(run: SearchFolder) -> Section | None:
-    search, shown = run.search, _best(run)
-    if not shown:
+    search, best = run.search, _best(run)
+    if not best:
         return None
     section = Section("Where the LiDARs sit")
-    for name, rig in list(shown.items())[:MOST_RIGS]:
+    for name, rig in list(best.items())[:MOST_RIGS]:
         values = [(o, rig.value(o)) for o in search.objectives]
-        known = [
+        values_of_rig = [
             f"{o.name} {headline.with_unit(o, value)}" for o, value in values if not np.isnan(value)
         ]
-        caption = " · ".join(filter(None, (name, ", ".join(known))))
+        caption = " · ".join(filter(None, (name, ", ".join(values_of_rig))))
         section.tables.append(tables.mount_table(caption, rig))
     if len(search.best) > MOST_RIGS:
         section.notes.append(
@@ -74,7 +76,7 @@ def _mounts(run: SearchFolder) -> Section | None:
 
 
 def _best(run: SearchFolder) -> dict[str, Rig]:
-    """The best rigs; where none is feasible the nearest, and nothing where no trial has a rig."""
+    """Select the best rigs; the nearest where none is feasible; none where no trial has a rig."""
     if run.search.best:
         return {name: run.search.rigs[name] for name in run.search.best}
     trial = nearest_trial(run)
@@ -84,11 +86,11 @@ def _best(run: SearchFolder) -> dict[str, Rig]:
 
 
 def _picture(run: SearchFolder) -> Section:
-    """The vehicle with its LiDARs, for the first screen; without a figure where there is no rig."""
+    """Draw the vehicle with its LiDARs, for the first screen; no figure without a rig."""
     rigs, best = run.search.rigs, _best(run)
-    shown = dict(list(best.items())[:MOST_BEST])
-    first = f"{len(shown)} of the front" if len(best) > len(shown) else "the best"
-    kinds = {first if run.search.best else "the nearest trial": shown}
+    best_drawn = dict(list(best.items())[:MOST_BEST])
+    first = f"{len(best_drawn)} of the front" if len(best) > len(best_drawn) else "the best"
+    kinds = {first if run.search.best else "the nearest trial": best_drawn}
     for role, kind in {"greedy": "greedy's", "paper": "the paper's"}.items():
         kinds[kind] = {name: rig for name, rig in rigs.items() if rig.role == role}
     menu = {name: rig for kind in kinds.values() for name, rig in kind.items()}
@@ -97,7 +99,7 @@ def _picture(run: SearchFolder) -> Section:
     menu |= kinds["others that were found"]
     if not menu:
         return Section("The rigs", top=True)
-    named = ", ".join(kind for kind, own in kinds.items() if own)
+    named = ", ".join(kind for kind, of_kind in kinds.items() if of_kind)
     pictured = {name: PicturedRig.found(rig) for name, rig in menu.items()}
     picture = rig_picture(pictured, run.search.body, run.search.zones)
     return Section("The rigs", [f"The menu has {named}. {AXES_AND_POSTS}"], [picture], top=True)
@@ -142,12 +144,12 @@ def _history(run: SearchFolder) -> Section:
     paper = {name: rig for name, rig in search.rigs.items() if rig.role == "paper"}
     for objective in search.objectives:
         values = {name: rig.searched_value(objective) for name, rig in paper.items()}
-        known = [name for name, value in values.items() if not np.isnan(value)]
+        with_values = [name for name, value in values.items() if not np.isnan(value)]
         # In the order of exact values, as the baseline is chosen.
-        known.sort(key=lambda name: -objective.sign * paper[name].value(objective))
-        own = bound if objective is search.first else None
-        limits = (own.value, own.greedy) if own else (None, None)
-        ranked = {name: values[name] for name in known}
+        with_values.sort(key=lambda name: -objective.sign * paper[name].value(objective))
+        first_bound = bound if objective is search.first else None
+        limits = (first_bound.value, first_bound.greedy) if first_bound else (None, None)
+        ranked = {name: values[name] for name in with_values}
         plot = of_searches.search_history(run.evaluated, objective, *limits, ranked)
         section.figures.append(plot)
     if run.bound is not None and len(run.bound):
@@ -203,10 +205,10 @@ def _robustness(run: SearchFolder) -> Section | None:
     )
     section = Section("Robustness", [note], columns=1)
     for objective in search.objectives:
-        own = rows[rows["objective"] == objective.name]
-        if len(own):
+        of_objective = rows[rows["objective"] == objective.name]
+        if len(of_objective):
             designed = search.rigs[reference].value(objective)
-            plot = of_searches.robustness_figure(own, objective, reference, designed)
+            plot = of_searches.robustness_figure(of_objective, objective, reference, designed)
             section.figures.append(plot)
     section.tables.append(tables.robustness_table(rows))
     return section
@@ -225,8 +227,10 @@ def _chosen(run: SearchFolder) -> Section | None:
     section = Section("On traffic that the search did not see", [note])
     if search.chosen_over:
         section.notes.append(f"Each value is {search.chosen_over}.")
-    own = headline.of_objective(rows, search.first)
-    parts = [part for part in (own, rows.drop(own.index)) if len(part)]
+    of_first_objective = headline.of_objective(rows, search.first)
+    parts = [
+        part for part in (of_first_objective, rows.drop(of_first_objective.index)) if len(part)
+    ]
     section.tables += [tables.verified_table(part, search.baseline, search.first) for part in parts]
     return section
 

@@ -1,4 +1,4 @@
-"""What to be careful about when reading the result of a search."""
+"""Cautions about the result of a search."""
 
 from math import dist
 
@@ -16,33 +16,33 @@ _SHARE = 0.01  # of the span of an angle
 
 
 def cautions(run: SearchFolder) -> list[str]:
-    """Sentences, none if there is nothing to say."""
+    """List the cautions, a sentence each."""
     search, bound = run.search, run.search.bound
     best, most = (bound.best_value, bound.value) if bound else (None, None)
-    found = []
+    sentences = []
     if best is not None and most is not None and best > most:
-        found.append(
+        sentences.append(
             "The best rig is above the upper bound. The bound holds only for the grid of candidate "
             "mounts, and the search places LiDARs between them. A finer grid raises the bound."
         )
-    found += [*_against_baseline(run), *_other_cases(run)]
+    sentences += [*_against_baseline(run), *_other_cases(run)]
     if search.best and (edges := at_the_edge(search.rigs[search.best[0]], search.zones)):
-        found.append(
+        sentences.append(
             f"{search.best[0]} is at the edge of what was allowed ({'; '.join(edges)}): wider "
             "ranges may hold a better rig."
         )
     if search.evaluations < FEW_PER_PARAMETER * search.parameters:
-        found.append(
+        sentences.append(
             f"{search.evaluations:,} evaluations are few for {search.parameters} parameters: "
             "another seed may find another rig."
         )
     if search.linear_share is not None:
-        found += ray_counting_caution(search.linear_share)
-    found += search.cautions
+        sentences += ray_counting_caution(search.linear_share)
+    sentences += search.cautions
     failed = int((run.trials["state"] == "FAIL").sum())
     if failed:
-        found.append(f"{failed:,} of {len(run.trials):,} trials failed.")
-    return found
+        sentences.append(f"{failed:,} of {len(run.trials):,} trials failed.")
+    return sentences
 
 
 def _against_baseline(run: SearchFolder) -> list[str]:
@@ -59,17 +59,23 @@ def _against_baseline(run: SearchFolder) -> list[str]:
 
 
 def _other_cases(run: SearchFolder) -> list[str]:
-    """Where the baseline is better than the best rig once something differs from the design."""
+    """Say where the baseline is better than the best rig once something differs from the design."""
     search, rows = run.search, run.robustness
     if rows is None or rows.empty or not search.best or not search.baseline:
         return []
     best, base = search.best[0], search.baseline
     lost = []
     for objective in search.objectives:
-        own = rows[(rows["objective"] == objective.name) & (rows["case"] != "as designed")]
+        of_objective = rows[(rows["objective"] == objective.name) & (rows["case"] != "as designed")]
         # LiDARs of two rigs do not correspond: the worst failure of each is compared.
-        case = own["case"].str.replace(r"^LiDAR \d+ fails$", "its worst LiDAR fails", regex=True)
-        worst = (objective.sign * own["value"]).groupby([own["rig"], case], sort=False).min()
+        case = of_objective["case"].str.replace(
+            r"^LiDAR \d+ fails$", "its worst LiDAR fails", regex=True
+        )
+        worst = (
+            (objective.sign * of_objective["value"])
+            .groupby([of_objective["rig"], case], sort=False)
+            .min()
+        )
         for name, value in worst.get(best, default=worst[:0]).items():
             peer = worst.get((base, name), default=float("nan"))
             if peer > value:
@@ -81,10 +87,12 @@ def _other_cases(run: SearchFolder) -> list[str]:
 
 
 def at_the_edge(rig: Rig, zones: tuple[Zone, ...]) -> list[str]:
-    """What is at the edge, for example "LiDAR 2: z, roll". LiDARs outside of `zones` were
-    not searched, or are mirror images; a range without width and a full turn have no edge."""
+    """Name what is at the edge of its range, for example "LiDAR 2: z, roll".
+
+    LiDARs outside of `zones` were not searched, or are mirror images; a range without width and
+    a full turn have no edge."""
     by_name = {zone.name: zone for zone in zones}
-    found = []
+    lidars_at_edge = []
     for i, (mount, name) in enumerate(zip(rig.placed, rig.zones, strict=True), start=1):
         zone = by_name.get(name or "")
         if zone is None or mount.y < min(y for _, y in zone.polygon) - _NEAR:
@@ -100,8 +108,8 @@ def at_the_edge(rig: Rig, zones: tuple[Zone, ...]) -> list[str]:
             if _extreme(np.degrees(getattr(mount, angle)), getattr(zone, f"{angle}_deg"))
         ]
         if edges:
-            found.append(f"LiDAR {i}: {', '.join(edges)}")
-    return found
+            lidars_at_edge.append(f"LiDAR {i}: {', '.join(edges)}")
+    return lidars_at_edge
 
 
 def _extreme(degrees: float, span: tuple[float, float]) -> bool:

@@ -1,4 +1,4 @@
-"""The command: `lidarplace search-report RUN`."""
+"""Command `lidarplace search-report RUN`."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Which constraints the trials of a search kept, and how near the nearest came."""
+"""Constraints that the trials of a search kept, and how near the nearest trial came."""
 
 import pandas as pd
 
@@ -8,11 +8,10 @@ from tracking.run_folders.search import SearchFolder
 
 
 def excess(run: SearchFolder) -> pd.DataFrame:
-    """How far trials break constraints, in shares of the limits: what the nearest is judged by.
+    """Compute how far trials break constraints, in shares of the limits.
 
-    Rows are possible trials with every violation known, columns constraints. A limit of 0 counts in
-    its own unit. Of equals the one is nearer that has enough at more positions.
-    """
+    Rows are possible trials with every violation known, columns constraints. A limit of 0 counts
+    in its own unit. Of equals the one is nearer that has enough at more positions."""
     trials, columns = run.trials[run.trials["possible"].astype(bool)], {}
     for c in run.search.constraints:
         lacks = 1 - trials.get(f"enough.{c.name}", 1.0)
@@ -21,7 +20,7 @@ def excess(run: SearchFolder) -> pd.DataFrame:
 
 
 def nearest_trial(run: SearchFolder) -> pd.Series | None:
-    """The trial that breaks its constraints by the smallest sum of shares; None without trials."""
+    """Find the trial with the smallest sum of `excess`; None without trials."""
     over = excess(run)
     if over.empty:
         return None
@@ -30,37 +29,37 @@ def nearest_trial(run: SearchFolder) -> pd.Series | None:
 
 
 def nothing_found(run: SearchFolder) -> str:
-    """That no rig was found, in a line: which requirements none of them meets, and the closest."""
-    over, said = excess(run), []
+    """Say in a line that no rig was found: which requirements none meets, and the closest trial."""
+    over, sentences = excess(run), []
     for c in run.search.constraints:
         if c.name.startswith("requirement.") and len(over) and over[c.name].min() > 0:
             closest = run.trials.loc[[over[c.name].idxmin()]].iloc[0]
             enough = closest.get(f"enough.{c.name}")
             has = _amount(c.limit - closest[f"violation.{c.name}"], "")
             where = "" if enough is None else f"; {100 * enough:.0f} % of the positions have enough"
-            said.append(
+            sentences.append(
                 f"No rig meets the requirement {c.name.partition('.')[2]!r}: the closest, trial "
                 f"{closest['number']}, has {has} of {_amount(c.limit, c.unit)}{where}"
             )
-    if said:
-        return ". ".join(said)
-    kept = run.trials["feasible"].astype(bool).any()
-    return "No rig with a value" if kept else "No rig keeps all constraints"
+    if sentences:
+        return ". ".join(sentences)
+    any_feasible = run.trials["feasible"].astype(bool).any()
+    return "No rig with a value" if any_feasible else "No rig keeps all constraints"
 
 
 def infeasible_sentences(run: SearchFolder) -> list[str]:
-    """Why no rig was found: LiDARs in one place, the nearest trial, what it breaks."""
+    """Say why no rig was found: LiDARs in one place, the nearest trial, what it breaks."""
     trials, count, limits = run.trials, len(run.trials), run.search.constraints
     possible = trials[trials["possible"].astype(bool)]
     clashes = count - len(possible)
-    kept = int(trials["feasible"].astype(bool).sum())
+    feasible = int(trials["feasible"].astype(bool).sum())
     if not count:
         return ["No trial was evaluated."]
     if not len(possible):
         return [f"All {count:,} trials put two LiDARs in one place."]
-    if kept:
-        return [f"{kept:,} of {count:,} trials kept every constraint, but none has a value."]
-    said = [
+    if feasible:
+        return [f"{feasible:,} of {count:,} trials kept every constraint, but none has a value."]
+    sentences = [
         f"{clashes:,} of {count:,} trials put two LiDARs in one place, and none of the others kept "
         "every constraint."
         if clashes
@@ -68,7 +67,7 @@ def infeasible_sentences(run: SearchFolder) -> list[str]:
     ]
     nearest = nearest_trial(run)
     if nearest is None:
-        return said
+        return sentences
     over = excess(run).loc[[nearest.name]].iloc[0].sort_values()
     by_name = {constraint.name: constraint for constraint in limits}
     parts = [
@@ -77,7 +76,7 @@ def infeasible_sentences(run: SearchFolder) -> list[str]:
         for c in (by_name[str(name)] for name in over.index[over > 0])
     ]
     if parts:
-        said.append(
+        sentences.append(
             f"Nearest, in shares of the limits, is trial {nearest['number']}. It breaks "
             f"{', '.join(parts)}{'; the least broken first' if len(parts) > 1 else ''}."
         )
@@ -87,22 +86,24 @@ def infeasible_sentences(run: SearchFolder) -> list[str]:
         if (least := possible[f"violation.{c.name}"].min()) > 0
     ]
     if parts:
-        said.append(f"No {'other ' if clashes else ''}trial at all kept {', nor '.join(parts)}.")
+        sentences.append(
+            f"No {'other ' if clashes else ''}trial at all kept {', nor '.join(parts)}."
+        )
     else:
-        said.append("Some trial kept each of them: it is all together that none kept.")
-    return said
+        sentences.append("Some trial kept each of them: it is all together that none kept.")
+    return sentences
 
 
 def constraint_table(run: SearchFolder) -> Table:
-    """Limits, what the best rig and the baseline measure, and how often trials broke them."""
+    """Show limits, measures of the best rig and the baseline, and how often trials broke limits."""
     search = run.search
-    shown = list(dict.fromkeys(filter(None, (*search.best[:1], search.baseline))))
-    head = ("constraint", "limit", *shown, "broken by trials")
+    names = list(dict.fromkeys(filter(None, (*search.best[:1], search.baseline))))
+    head = ("constraint", "limit", *names, "broken by trials")
     rows = tuple(
         (
             constraint.name,
             f"{constraint.sense} {_amount(constraint.limit, constraint.unit)}",
-            *(_amount(search.rigs[name].measures.get(constraint.name), "") for name in shown),
+            *(_amount(search.rigs[name].measures.get(constraint.name), "") for name in names),
             _broken(run.trials[f"violation.{constraint.name}"].dropna()),
         )
         for constraint in search.constraints
@@ -118,7 +119,7 @@ def _broken(violation: pd.Series) -> str:
 
 
 def _amount(value: float | None, unit: str) -> str:
-    """A value that keeps no more digits than it has, with its unit; a dash for None."""
+    """Format a value that keeps no more digits than it has, with its unit; a dash for None."""
     if value is None:
         return DASH
     return f"{digits(value, ',.4g' if abs(value) < 1e4 else ',.0f')} {unit}".rstrip()

@@ -1,4 +1,4 @@
-"""The first screen: what was found, against the paper's eight and the bound, and what is next."""
+"""Headline of a search: the best rig, against the paper's eight and the bound, and what is next."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from tracking.search_report.feasibility import infeasible_sentences, nothing_fou
 
 @dataclass(frozen=True)
 class Card:
-    """A statement with what is to be known about it."""
+    """Statement with the lines that explain it."""
 
     title: str
     value: str
@@ -22,7 +22,7 @@ class Card:
 
 
 def summary(search: SearchResult) -> str:
-    """What was searched, in one line."""
+    """Describe the search in one line."""
     goals = ", ".join(f"{o.direction} {o.name}" for o in search.objectives)
     goals += f", {search.over}" if search.over else ""
     frames = f"{search.frames:,} frames · " if search.frames else ""
@@ -34,23 +34,23 @@ def summary(search: SearchResult) -> str:
 
 
 def answer(run: SearchFolder) -> Card:
-    """What was found."""
+    """State the best rig, or why there is none."""
     if run.search.best:
         return _found(run)
     return Card("Result", nothing_found(run), tuple(infeasible_sentences(run)))
 
 
 def next_steps(run: SearchFolder) -> list[Command]:
-    """What to do next; what the evidence lacks comes first."""
+    """List the next steps; what the evidence lacks comes first."""
     few = _few_seeds(run)
     if not few or "pretrained" in run.search.first.name.split("."):  # of which there is one
         return [*run.search.commands]
-    what = "too little is known to choose a rig: judge with more generalists"
-    return [Command(what=what, line=remedy(run.search.command, few)), *run.search.commands]
+    step = "too little is known to choose a rig: judge with more generalists"
+    return [Command(what=step, line=remedy(run.search.command, few)), *run.search.commands]
 
 
 def change(objective: Objective, value: float, base: float) -> str:
-    """How a value differs from `base`: in points of percent, in percent, or else in its unit."""
+    """Format how a value differs from `base`: in points, in percent, or else in its unit."""
     if objective.unit == "%":
         return f"{digits(value - base, '+.1f')} points"
     if base > 0:
@@ -59,12 +59,12 @@ def change(objective: Objective, value: float, base: float) -> str:
 
 
 def with_unit(objective: Objective, value: float) -> str:
-    """A value as text."""
-    return f"{shown(objective, value)} {objective.unit}".rstrip()
+    """Format a value with its unit."""
+    return f"{format_value(objective, value)} {objective.unit}".rstrip()
 
 
-def shown(objective: Objective, value: float) -> str:
-    """A value without its unit, with digits that mean something: percent are of a sample."""
+def format_value(objective: Objective, value: float) -> str:
+    """Format a value without its unit, with digits that mean something: percent are of a sample."""
     return digits(value, "z.1f") if objective.unit == "%" else number(value)
 
 
@@ -78,8 +78,8 @@ def _found(run: SearchFolder) -> Card:
         lines.append(f"The paper's rigs are of LiDAR {', '.join(peers)}.")
     lines += _against_bound(search)
     count, models = len(search.constraints), sorted({*rig.models})
-    kept = f"it keeps all {count} constraints" if count else "there were no constraints"
-    lines.append(f"Feasible: {kept}.")
+    constraints_kept = f"it keeps all {count} constraints" if count else "there were no constraints"
+    lines.append(f"Feasible: {constraints_kept}.")
     lines.append(f"{len(rig.mounts)} LiDAR{'s' * (len(rig.mounts) > 1)}: {', '.join(models)}.")
     first = f"{of_front(search)}, the first is" if search.front else "Best of the search:"
     value = f"{search.first.name} {with_unit(search.first, rig.value(search.first))}"
@@ -87,7 +87,7 @@ def _found(run: SearchFolder) -> Card:
 
 
 def best_of_paper(search: SearchResult) -> str:
-    """What the baseline is, to follow its name."""
+    """Describe the baseline, to follow its name."""
     base = search.rigs.get(search.baseline or "")
     best = search.rigs[search.best[0]] if search.best else base
     broken = "" if base is not None and base.feasible else ", which breaks a constraint"
@@ -98,29 +98,30 @@ def best_of_paper(search: SearchResult) -> str:
 
 
 def of_front(search: SearchResult) -> str:
-    """The rigs of a Pareto front, which may be too many to give them all."""
-    shown, whole = len(search.best), search.front
-    if whole is not None and whole > shown:
-        return f"{shown:,} of {whole:,} rigs of the Pareto front"
-    return f"Pareto front of {shown:,}"
+    """Describe the rigs of a Pareto front, which may be too many to give them all."""
+    listed, whole = len(search.best), search.front
+    if whole is not None and whole > listed:
+        return f"{listed:,} of {whole:,} rigs of the Pareto front"
+    return f"Pareto front of {listed:,}"
 
 
 def _against_baseline(search: SearchResult, objective: Objective, rig: Rig) -> str:
-    """The value of a further objective, and of each how it compares; "" if nothing is to say."""
+    """Compare a value with the baseline's, after that of a further objective; "" without either."""
     first, value = objective is search.first, rig.value(objective)
-    own = "" if first else f"{objective.name} {with_unit(objective, value)}"
+    further_value = "" if first else f"{objective.name} {with_unit(objective, value)}"
     if not search.baseline:
-        return own and f"{own}."
+        return further_value and f"{further_value}."
     base = search.rigs[search.baseline].value(objective)
     if np.isnan(base):
-        return f"{own and f'{own}; '}{objective.name} of {search.baseline} is unknown."
+        unknown = f"{objective.name} of {search.baseline} is unknown."
+        return f"{further_value}; {unknown}" if further_value else unknown
     compared = f"{change(objective, value, base)} against {search.baseline}"
     compared += f"{best_of_paper(search) if first else ''} ({with_unit(objective, base)})."
-    return f"{own and f'{own}, '}{compared}"
+    return f"{further_value and f'{further_value}, '}{compared}"
 
 
 def _how_sure(run: SearchFolder) -> list[str]:
-    """The interval of the lead on other traffic, where a generalist judged; else nothing."""
+    """State the interval of the lead on other traffic, where a generalist judged; else nothing."""
     search = run.search
     if run.chosen is None or search.baseline is None:
         return []
@@ -138,7 +139,7 @@ def _how_sure(run: SearchFolder) -> list[str]:
 
 
 def _few_seeds(run: SearchFolder) -> list[Weakness]:
-    """Why a generalist's choice is not sufficient evidence; or []."""
+    """Report that a generalist's choice is not sufficient evidence; or []."""
     if run.chosen is None:
         return []
     seeds = value_at(run.config, "search", "seeds") or [0]
@@ -146,7 +147,7 @@ def _few_seeds(run: SearchFolder) -> list[Weakness]:
 
 
 def of_objective(measured: pd.DataFrame, objective: Objective) -> pd.DataFrame:
-    """Rows of `chosen` or `verified` that hold what an objective is made of."""
+    """Select the rows of `chosen` or `verified` that hold what an objective is made of."""
     weighed = measured["class"].isin(objective.weights or {})
     return measured[(measured["metric"] == objective.by) & weighed]
 
@@ -161,23 +162,23 @@ def _against_bound(search: SearchResult) -> list[str]:
     best = bound.best_value
     limit = with_unit(search.first, bound.value)
     if best is not None and best > bound.value:
-        said = f"above the upper bound of any rig {among}, {limit}: it sits between them."
+        comparison = f"above the upper bound of any rig {among}, {limit}: it sits between them."
     elif bound.gap_percent is None:
-        said = f"upper bound of any rig {among}: {limit}."
+        comparison = f"upper bound of any rig {among}: {limit}."
     else:
-        said = (
+        comparison = (
             f"at most {bound.gap_percent:.1f} % below the best possible {among} "
             f"(upper bound {limit})."
         )
     rays = search.strided
     if rays:  # the bound is of such values, not of the exact one above
         value = with_unit(search.first, search.rigs[search.best[0]].searched_value(search.first))
-        return [f"As searched, with {rays}: {value}, {said}"]
-    return [f"{said[0].upper()}{said[1:]}"]
+        return [f"As searched, with {rays}: {value}, {comparison}"]
+    return [f"{comparison[0].upper()}{comparison[1:]}"]
 
 
 def effort(search: SearchResult) -> str:
-    """How much was tried, and what the time went into."""
+    """Describe how much was tried, and what the time was spent on."""
     busy = search.sampler_seconds + search.evaluation_seconds
     lines = [
         f"{search.evaluations:,} evaluations in batches of {search.batch_size}.",
@@ -191,8 +192,8 @@ def effort(search: SearchResult) -> str:
             f"{100 * search.sampler_seconds / busy:.0f} %."
         )
     if search.stride is not None and search.strided:
-        error, known = search.stride.relative_error, ""
+        error, accuracy = search.stride.relative_error, ""
         if error is not None:
-            known = f": the error is at most {100 * error:.2g} % of one rig's value"
-        lines.append(f"It fired {search.strided}, with weight{known}.")
+            accuracy = f": the error is at most {100 * error:.2g} % of one rig's value"
+        lines.append(f"It fired {search.strided}, with weight{accuracy}.")
     return " ".join(lines)

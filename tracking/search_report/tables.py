@@ -1,4 +1,4 @@
-"""The tables of a search's page, as cells of text."""
+"""Tables of a search's page, as cells of text."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -11,11 +11,11 @@ from pandas.api.types import is_numeric_dtype
 from tracking.labels import DASH, digits, not_significant, number, span
 from tracking.pages.section import Column, Table, numbers, words
 from tracking.run_folders.search_json import Objective, Rig, SearchResult
-from tracking.search_report.headline import shown
+from tracking.search_report.headline import format_value
 
 
 def mount_table(caption: str, rig: Rig) -> Table:
-    """Where the LiDARs of a rig sit, metres and degrees."""
+    """List the mounts of the LiDARs of a rig, metres and degrees."""
     head = ("LiDAR", "model", "zone", "x (m)", "y (m)", "z (m)", "roll (°)", "pitch (°)", "yaw (°)")
     lidars, rows = zip(rig.models, rig.zones, rig.mounts, strict=True), []
     for i, (model, zone, mount) in enumerate(lidars, start=1):
@@ -26,7 +26,7 @@ def mount_table(caption: str, rig: Rig) -> Table:
 
 
 def rig_table(caption: str, search: SearchResult) -> Table:
-    """Values of rigs with all rays, the best feasible one by the first objective on top."""
+    """List values of rigs with all rays, the best feasible one by the first objective on top."""
     rigs, objectives, first = search.rigs, search.objectives, search.first
 
     def rank(name: str) -> tuple[bool, bool, float]:
@@ -37,7 +37,7 @@ def rig_table(caption: str, search: SearchResult) -> Table:
     rows, best, ranked = [], set(), {name: rigs[name] for name in sorted(rigs, key=rank)}
     for name, rig in ranked.items():
         cells = (rig.role, "yes" if rig.feasible else "not feasible", str(len(rig.mounts)))
-        rows.append((name, *cells, *(shown(o, rig.value(o)) for o in objectives)))
+        rows.append((name, *cells, *(format_value(o, rig.value(o)) for o in objectives)))
     for column, o in enumerate(objectives, start=4):
         values = np.array([o.sign * rig.value(o) for rig in ranked.values() if rig.feasible])
         if np.isfinite(values).any():
@@ -46,7 +46,7 @@ def rig_table(caption: str, search: SearchResult) -> Table:
 
 
 def greedy_table(greedy: pd.DataFrame, rays: str) -> Table:
-    """What every LiDAR that greedy took added, with its mount; `rays`: `SearchResult.strided`."""
+    """List the gain and the mount of every LiDAR of greedy choice; `rays` is `strided`."""
     columns = [
         Column(str(name), partial(_cell, name), not is_numeric_dtype(greedy[name]))
         for name in greedy.columns
@@ -56,7 +56,7 @@ def greedy_table(greedy: pd.DataFrame, rays: str) -> Table:
 
 
 def robustness_table(rows: pd.DataFrame) -> Table:
-    """`robustness.parquet` as text."""
+    """Show `robustness.parquet` as text."""
     rows = rows.assign(percent=100 * rows["share"])
     columns = [
         *(words(name) for name in ("rig", "case", "objective")),
@@ -69,7 +69,7 @@ def robustness_table(rows: pd.DataFrame) -> Table:
 
 
 def verified_table(rows: pd.DataFrame, baseline: str, objective: Objective) -> Table:
-    """`verified.parquet` as text."""
+    """Show `verified.parquet` as text."""
     low, high = "difference_low", "difference_high"
     differing = ["difference", low, high]
     rows = rows.copy()
@@ -78,7 +78,7 @@ def verified_table(rows: pd.DataFrame, baseline: str, objective: Objective) -> T
         *(words(name) for name in ("rig", "role", "class")),
         Column("metric", lambda row: f"{row['metric']} @ {row['iou']:g}", words=True),
         numbers("seeds", "seeds", ""),
-        numbers(objective.label, "surrogate", lambda value: shown(objective, value)),
+        numbers(objective.label, "surrogate", lambda value: format_value(objective, value)),
         numbers("value (%)", "value", ".1f"),
         Column("95 % CI", lambda row: span(row["low"], row["high"], ".1f")),
         numbers(f"difference to {baseline}", "difference", "+z.1f"),

@@ -14,7 +14,9 @@ from tracking.statistics.jackknife import SampleError
 from tracking.statistics.reliability import Noise
 
 _DEGREES = (*range(1, 13), 15, 20, 24, 30, 40, 60, 120, 1000)
-"""Critical values are those of the next lower number, as in printed tables: each takes 0.2 s."""
+"""Degrees of freedom with critical values, as in printed tables: each takes 0.2 s.
+
+Others use the next lower number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,38 +31,36 @@ class AllPairs:
     def of(
         cls, means: Values, noise: Noise, sample: SampleError | None = None, alone: bool = False
     ) -> AllPairs:
-        """Variances by seeds and by test objects are added, degrees of freedom Satterthwaite's.
+        """Add variances by seeds and by test objects; degrees of freedom are Satterthwaite's.
 
         `noise` is that of the seeds, `Noise.of`, alike for all placements; `sample` is of the same
         placements in the same order. `alone`: whether the test objects alone count where the seeds'
-        noise is unknown.
-        """
+        noise is unknown."""
         of_seeds = noise.variance * np.add.outer(1 / noise.counts, 1 / noise.counts)
         degrees = np.full(of_seeds.shape, float(noise.degrees))
         if sample is None or not (noise.degrees or alone):
             return cls(means, of_seeds, degrees)
-        of_objects, own = sample.of_pairs()
+        of_objects, degrees_of_objects = sample.of_pairs()
         if not noise.degrees:
-            return cls(means, of_objects, np.full(of_seeds.shape, own))
+            return cls(means, of_objects, np.full(of_seeds.shape, degrees_of_objects))
         whole = of_seeds + of_objects
-        parts = of_seeds**2 / degrees + of_objects**2 / own
+        parts = of_seeds**2 / degrees + of_objects**2 / degrees_of_objects
         return cls(means, whole, np.divide(whole**2, parts, out=degrees, where=parts > 0))
 
     def intervals(self, at: int) -> Values:
-        """95 % intervals of the lead of one placement over each, for all pairs at once, (n, 2).
+        """Compute 95 % intervals of one placement's leads, for all pairs at once, shape (n, 2).
 
         By the studentized range: Tukey and Kramer's where all pairs scatter alike, else as of Games
-        and Howell (1976). NaN for one placement and without degrees of freedom.
-        """
+        and Howell (1976). NaN for one placement and without degrees of freedom."""
         n = len(self.means)
-        degrees, which = np.unique(self.degrees[at], return_inverse=True)
+        degrees, index = np.unique(self.degrees[at], return_inverse=True)
         critical = np.array([_critical_range(n, float(one)) for one in degrees])
-        half = critical[which] * np.sqrt(self.variance[at] / 2)
+        half = critical[index] * np.sqrt(self.variance[at] / 2)
         lead = self.means[at] - self.means
         return np.stack([lead - half, lead + half], axis=1)
 
     def p_of_no_lead(self, at: int) -> Values:
-        """p of no difference of one placement to each, adjusted as `intervals`, shape (n,)."""
+        """Compute p of no difference to each placement, adjusted as `intervals`, shape (n,)."""
         n, degrees = len(self.means), self.degrees[at]
         if n < 2 or not degrees.all():
             return np.full(n, np.nan)
@@ -73,7 +73,7 @@ class AllPairs:
 
 
 def _critical_range(placements: int, degrees: float) -> float:
-    """What 5 % of studentized ranges exceed; NaN where there is none."""
+    """Return the studentized range that 5 % of samples exceed; NaN where there is none."""
     if placements < 2 or not degrees >= 1:
         return math.nan
     if placements == 2:  # the same in closed form
@@ -87,18 +87,17 @@ def _tabulated(placements: int, degrees: int) -> float:
 
 
 def pair_agreement(values: Values, pairs: AllPairs) -> tuple[float, int]:
-    """Share of the pairs that a predictor orders as their means, and the number of these pairs.
+    """Compute the share of pairs that a predictor orders as their means, and their number.
 
     Those count of which the 95 % interval of their own difference, by Student's distribution,
     leaves out zero. Where the predictor gives both the same value it is right by half. `values` are
-    in the order of `pairs`, high for good ones, shape (n,).
-    """
+    in the order of `pairs`, high for good ones, shape (n,)."""
     one, two = np.triu_indices(len(values), 1)
     lead = (pairs.means[one] - pairs.means[two]).astype(np.float64)
     degrees = pairs.degrees[one, two]
-    known = degrees > 0
-    reach = stats.t.ppf(0.975, np.where(known, degrees, 1.0))
-    differ = known & (np.abs(lead) > reach * np.sqrt(pairs.variance[one, two]))
+    has_degrees = degrees > 0
+    reach = stats.t.ppf(0.975, np.where(has_degrees, degrees, 1.0))
+    differ = has_degrees & (np.abs(lead) > reach * np.sqrt(pairs.variance[one, two]))
     if not differ.any():
         return float("nan"), 0
     agree = np.sign(values[one] - values[two]) * np.sign(lead)

@@ -21,11 +21,10 @@ Numbers = TypeVar("Numbers", float, Values, pd.Series)
 def with_one_at_each_bound(
     mean: Numbers, variance: Numbers, individuals: Numbers, low: float, high: float
 ) -> tuple[Numbers, Numbers]:
-    """Centre and variance of a mean within `low` and `high` with one more individual at each.
+    """Compute centre and variance of a mean within bounds, with one more individual at each.
 
     `variance` is the jackknife's of the mean, and `individuals` the number of individuals of equal
-    size that weigh as much as those there are, (Σn)² / Σn² over their boxes n; inf adds none.
-    """
+    size that weigh as much as those there are, (Σn)² / Σn² over their boxes n; inf adds none."""
     one = 1 / individuals
     weight = 1 / (1 + 2 * one)
     centre = weight * (mean + one * (low + high))

@@ -17,14 +17,13 @@ COEFFICIENTS = ("pearson", "spearman", "kendall")
 
 
 def scores(values: Values, coefficient: str) -> Values:
-    """Unit vectors whose inner product is the coefficient of two samples.
+    """Compute unit vectors whose inner product is the coefficient of two samples.
 
     `pearson`: the centred values; `spearman`: the centred ranks, ties share their mean rank;
     `kendall`: the signs of all differences `values[j] - values[i]`, i < j, which makes the inner
     product tau-b (Kendall 1945). So permutations and resamples are matrix products. `values` have
     samples along the last axis, shape (..., n), as have the vectors, for `kendall` of n (n - 1) / 2
-    numbers. NaN where a sample is constant.
-    """
+    numbers. NaN where a sample is constant."""
     if coefficient == "kendall":
         i, j = np.triu_indices(values.shape[-1], 1)
         vectors = np.sign(values[..., j] - values[..., i])
@@ -63,12 +62,12 @@ def _orders(n: int, count: int, seed: int) -> NDArray[np.int16]:
 
 
 def _most_orders(numbers: int) -> int:
-    """Random orders at most, of so many numbers each."""
+    """Limit the number of random orders, each of so many numbers."""
     return min(max(_MOST_NUMBERS // numbers, _SAMPLED), _MOST_SAMPLED)
 
 
 def permutation_p(x: Values, y: Values, coefficient: str, seed: int = 0) -> Values:
-    """Two-sided p-value of a coefficient between each row of `x` and `y`.
+    """Compute the two-sided p-value of a coefficient between each row of `x` and `y`.
 
     The null pairs `y` with `x` in any order. As in `scipy.stats.permutation_test` with pairings,
     the p-value is twice the smaller tail, at most 1. It is exact with up to `LARGEST_EXACT` pairs
@@ -78,8 +77,7 @@ def permutation_p(x: Values, y: Values, coefficient: str, seed: int = 0) -> Valu
     `_SAMPLED` orders come first. If fewer than `_FEW` are as extreme, up to `_MOST_SAMPLED` replace
     them. The result is valid: p <= a implies that the p-value of the first orders is at most a,
     too, or, where a is below that of `_FEW`, that the p-value of the others is. `x` has shape
-    (k, n), `y` (n,), the result (k,), NaN where a sample is constant.
-    """
+    (k, n), `y` (n,), the result (k,), NaN where a sample is constant."""
     of_x, of_y = scores(x, coefficient), scores(y, coefficient)
     observed = of_x @ of_y
     p, rows = np.full(len(x), np.nan), np.flatnonzero(np.isfinite(observed))
@@ -114,12 +112,12 @@ def _smaller_tail(
 
 
 def smallest_p(n: int) -> float:
-    """The smallest two-sided p-value of `permutation_p` for n pairs, by 2 / n! and by the draws."""
+    """Return the smallest two-sided p-value for n pairs, by 2 / n! and the number of draws."""
     return max(min(1.0, 2 / math.factorial(n)), 2 / (_most_orders(n) + 1))
 
 
 def holm(p: Values) -> Values:
-    """p-values, shape (m,), finite, adjusted family-wise (Holm 1979), however they depend."""
+    """Adjust p-values family-wise (Holm 1979), shape (m,), finite, however they depend."""
     order = np.argsort(p, kind="stable")
     adjusted = np.empty(len(p))
     adjusted[order] = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
@@ -135,17 +133,20 @@ def adjust(p: Values, counted_as: NDArray[np.intp], method: Literal["holm", "fdr
     counts = np.isfinite(p) & (counted_as == np.arange(len(p)))
     adjusted = np.full(len(p), np.nan)
     if counts.any():
-        own = p[counts]
-        found = holm(own) if method == "holm" else stats.false_discovery_control(own, method="by")
-        adjusted[counts] = found
+        counted_p = p[counts]
+        adjusted_counts = (
+            holm(counted_p)
+            if method == "holm"
+            else stats.false_discovery_control(counted_p, method="by")
+        )
+        adjusted[counts] = adjusted_counts
     return adjusted[counted_as]
 
 
 def distinct_tests(x: Values, coefficient: str) -> NDArray[np.intp]:
-    """For each sample of `x`, shape (k, n), the first one whose tests give the same p-value.
+    """Find for each sample of `x`, shape (k, n), the first one whose tests give the same p-value.
 
-    Their unit vectors are equal or opposite. A constant sample points to itself.
-    """
+    Their unit vectors are equal or opposite. A constant sample points to itself."""
     vectors = scores(x, coefficient)
     same = np.abs(vectors @ vectors.T) > 1 - 1e-9
     np.fill_diagonal(same, True)

@@ -16,7 +16,7 @@ LEAST_PLACEMENTS = 4  # with fewer, Fisher's z has no standard error
 
 
 def intervals(x: Values, y: Values, coefficient: str, confidence: float = 0.95) -> Values:
-    """Interval of the correlation of `x` with the expectation of `y` over seeds.
+    """Compute the interval of the correlation of `x` with the expectation of `y` over seeds.
 
     Placements are a sample, and so are the seeds. Two steps, both on the scale of a normal
     population's Pearson correlation:
@@ -32,60 +32,56 @@ def intervals(x: Values, y: Values, coefficient: str, confidence: float = 0.95) 
 
     `x` has shape (..., n), `y` a row a placement and a column a seed, (..., n, seeds), NaN where
     one is missing; leading axes broadcast. Lower and upper bound, shape (..., 2), NaN for fewer
-    than 4 placements and constants.
-    """
+    than 4 placements and constants."""
     mean = without_seeds(y)[0]
     u, v = scores(x, coefficient), scores(mean, coefficient)
-    found = (u * v).sum(axis=-1)
+    coefficients = (u * v).sum(axis=-1)
     n = mean.shape[-1]
     if n < LEAST_PLACEMENTS:
-        return np.full((*found.shape, 2), np.nan)
+        return np.full((*coefficients.shape, 2), np.nan)
     step = {"pearson": 1e-12, "spearman": 6 / (n * (n**2 - 1)), "kendall": 2 / (n * (n - 1))}
-    inner = np.clip(found, step[coefficient] - 1, 1 - step[coefficient])
+    inner = np.clip(coefficients, step[coefficient] - 1, 1 - step[coefficient])
     reach = stats.norm.ppf((1 + confidence) / 2)
     half = reach * _standard_error(inner, u, v, coefficient, n)
     z = np.arctanh(inner)
     bounds = to_normal(np.tanh(np.stack([z - half, z + half], axis=-1)), coefficient)
     bounds = _ratio_interval(to_normal(inner, coefficient), bounds, y, confidence)
     bounds = from_normal(bounds, coefficient)
-    perfect = np.abs(found) > 1 - 1e-9
-    bounds[..., 0] = np.where(perfect & (found < 0), -1.0, bounds[..., 0])
-    bounds[..., 1] = np.where(perfect & (found > 0), 1.0, bounds[..., 1])
+    perfect = np.abs(coefficients) > 1 - 1e-9
+    bounds[..., 0] = np.where(perfect & (coefficients < 0), -1.0, bounds[..., 0])
+    bounds[..., 1] = np.where(perfect & (coefficients > 0), 1.0, bounds[..., 1])
     return bounds
 
 
 def corrected(r: Values, y: Values, coefficient: str) -> Values:
-    """Coefficients, shape (..., m), with the mean of `y` over seeds, freed from the seeds' noise.
+    """Free coefficients, shape (..., m), with the mean of `y` over seeds, from the seeds' noise.
 
-    In [-1, 1]; unchanged where no placement has two seeds. `y` as for `intervals`.
-    """
+    In [-1, 1]; unchanged where no placement has two seeds. `y` as for `intervals`."""
     lowered = _lowered_by(y, 0.95)[..., :1]
     return from_normal(np.clip(to_normal(r, coefficient) / lowered, -1, 1), coefficient)
 
 
 def _lowered_by(y: Values, confidence: float) -> Values:
-    """Root of the reliability of means over seeds, with its interval, shape (..., 3).
+    """Compute the root of the reliability of means over seeds, with its interval, shape (..., 3).
 
-    1 where no placement has two seeds. The value is at least the root of `LEAST_RELIABLE`.
-    """
+    1 where no placement has two seeds. The value is at least the root of `LEAST_RELIABLE`."""
     means, variance, degrees = without_seeds(y)
     share = (1 / np.maximum(np.isfinite(y).sum(axis=-1), 1)).mean(axis=-1)
-    found = reliability(means, variance * share, degrees, confidence)
-    value, low, high = np.moveaxis(np.sqrt(np.nan_to_num(found, nan=1.0)), -1, 0)
+    reliabilities = reliability(means, variance * share, degrees, confidence)
+    value, low, high = np.moveaxis(np.sqrt(np.nan_to_num(reliabilities, nan=1.0)), -1, 0)
     value = np.maximum(value, np.sqrt(LEAST_RELIABLE))
     return np.stack([value, np.minimum(low, value), np.maximum(high, value)], axis=-1)
 
 
 def _ratio_interval(r: Values, bounds: Values, y: Values, confidence: float) -> Values:
-    """Interval of `r` over the root of the means' reliability, from the interval of each.
+    """Compute the interval of `r` over the root of the means' reliability, from that of each.
 
     By the recovery of variances from intervals (Donner and Zou 2012): R is inside if r - R root is
     no farther from 0 than the distances of both to their bounds allow, which is a quadratic in R.
     Their errors go together, since placements that happen to differ more raise both: in normal
     populations by r / sqrt(2 (1 + (n - 1) / degrees)), to first order. The errors of ranks are
     larger, and the rest of them has nothing to do with the spread. `r` are Pearson correlations in
-    (-1, 1), shape (...,).
-    """
+    (-1, 1), shape (...,)."""
     root, least, most = np.moveaxis(_lowered_by(y, confidence), -1, 0)
     n, degrees = y.shape[-2], without_seeds(y)[2]
     sign = np.where(r < 0, -1.0, 1.0)
@@ -97,16 +93,18 @@ def _ratio_interval(r: Values, bounds: Values, y: Values, confidence: float) -> 
     together = together * np.minimum(normal / (high - low), 1.0)
 
     def bound(off: Values, other: Values, together: Values, side: int) -> Values:
-        middle = size * root - together * off * other
+        centre = size * root - together * off * other
         square, rest = root**2 - other**2, size**2 - off**2
-        reached = np.sqrt(np.maximum(middle**2 - square * rest, 0.0))
-        known = square > 1e-9  # else the reliability may be 0, and the ratio anything
-        return np.where(known, (middle + side * reached) / np.where(known, square, 1.0), side)
+        reached = np.sqrt(np.maximum(centre**2 - square * rest, 0.0))
+        is_bounded = square > 1e-9  # else the reliability may be 0, and the ratio anything
+        return np.where(
+            is_bounded, (centre + side * reached) / np.where(is_bounded, square, 1.0), side
+        )
 
     # A ratio below 0 is the farther from 0 the less reliable the means are.
-    above = low >= 0
-    of_root = np.where(above, most - root, root - least)
-    lower = bound(size - low, of_root, np.where(above, together, -together), -1)
+    is_positive = low >= 0
+    of_root = np.where(is_positive, most - root, root - least)
+    lower = bound(size - low, of_root, np.where(is_positive, together, -together), -1)
     upper = bound(high - size, root - least, together, 1)
     ratio = np.minimum(size / root, 1.0)
     lower = np.minimum(np.clip(lower, -1, 1), np.minimum(size, ratio))
@@ -116,7 +114,7 @@ def _ratio_interval(r: Values, bounds: Values, y: Values, confidence: float) -> 
 
 
 def _standard_error(r: Values, u: Values, v: Values, coefficient: str, n: int) -> Values:
-    """Standard error of Fisher's z of a coefficient `r`; `u` and `v` are its unit vectors."""
+    """Compute the standard error of Fisher's z of a coefficient `r` of unit vectors `u` and `v`."""
     if coefficient == "spearman":
         return np.sqrt((1 + r**2 / 2) / (n - 3))
     if coefficient == "kendall":
@@ -130,21 +128,21 @@ def _standard_error(r: Values, u: Values, v: Values, coefficient: str, n: int) -
 
 
 def to_normal(r: Values, coefficient: str) -> Values:
-    """Pearson's correlation of the normal population whose coefficient is `r`."""
+    """Convert a coefficient to Pearson's correlation of the normal population that has it."""
     if coefficient == "spearman":
         return 2 * np.sin(np.pi * r / 6)
     return np.sin(np.pi * r / 2) if coefficient == "kendall" else r
 
 
 def from_normal(r: Values, coefficient: str) -> Values:
-    """Inverse of `to_normal`."""
+    """Convert Pearson's correlation of a normal population to the coefficient; see `to_normal`."""
     if coefficient == "spearman":
         return 6 / np.pi * np.arcsin(r / 2)
     return 2 / np.pi * np.arcsin(r) if coefficient == "kendall" else r
 
 
 def strength_leads(x: Values, y: Values, coefficient: str = "spearman") -> Values:
-    """95 % intervals of the first \\|coefficient\\| less each other, for all pairs at once.
+    r"""Compute 95 % intervals of the first \|coefficient\| less each other, for all pairs at once.
 
     The samples share their placements and the metric, so their coefficients go together. Zou (2007)
     makes of their `intervals` that of their difference, with the correlation of two sample
@@ -153,14 +151,13 @@ def strength_leads(x: Values, y: Values, coefficient: str = "spearman") -> Value
     population: a bound at 0 would miss surrogates that are worth nothing. The strongest was chosen
     from the same results, so the level is that of the studentized range of so many surrogates.
     `x` has a row a surrogate, shape (..., k, n), `y` is that of `intervals`; the result has shape
-    (..., k - 1, 2).
-    """
+    (..., k - 1, 2)."""
     of_x, of_y = scores(x, coefficient), scores(without_seeds(y)[0], coefficient)
-    found = (of_x * of_y[..., None, :]).sum(axis=-1)
-    sign = np.where(found < 0, -1.0, 1.0)
+    coefficients = (of_x * of_y[..., None, :]).sum(axis=-1)
+    sign = np.where(coefficients < 0, -1.0, 1.0)
     level = _simultaneous_level(x.shape[-2])
     bounds = intervals(sign[..., None] * x, y[..., None, :, :], coefficient, level)
-    strength = np.abs(found)
+    strength = np.abs(coefficients)
     estimate = np.clip(corrected(strength, y, coefficient), bounds[..., 0], bounds[..., 1])
     between = (of_x[..., :1, :] * of_x[..., 1:, :]).sum(axis=-1) * sign[..., :1] * sign[..., 1:]
     together = correlation_of_correlations(strength[..., :1], strength[..., 1:], between)
@@ -174,10 +171,9 @@ def strength_leads(x: Values, y: Values, coefficient: str = "spearman") -> Value
 def difference(
     one: tuple[Values, Values, Values], two: tuple[Values, Values, Values], together: Values
 ) -> Values:
-    """Zou's interval, shape (..., 2), of the difference of two estimates, within [-1, 1].
+    """Compute Zou's interval, shape (..., 2), of the difference of two estimates, within [-1, 1].
 
-    `one` and `two` are estimate, lower and upper bound; `together` is their correlation.
-    """
+    `one` and `two` are estimate, lower and upper bound; `together` is their correlation."""
     (a, a_low, a_high), (b, b_low, b_high) = one, two
 
     def distance(of_a: Values, of_b: Values) -> Values:
@@ -189,7 +185,7 @@ def difference(
 
 
 def correlation_of_correlations(one: Values, two: Values, between: Values) -> Values:
-    """Correlation of two sample correlations, not negative, with a third; `between` the two."""
+    """Correlate two sample correlations, not negative, with a third; `between` the two."""
     # The limit for a perfect order, where numerator and denominator vanish.
     one, two = np.minimum(one, 1 - 1e-6), np.minimum(two, 1 - 1e-6)
     rest = 1 - one**2 - two**2 - between**2
@@ -199,7 +195,7 @@ def correlation_of_correlations(one: Values, two: Values, between: Values) -> Va
 
 @lru_cache(maxsize=64)
 def _simultaneous_level(count: int) -> float:
-    """Level of one interval so that those of all pairs of `count` estimates hold with 95 %."""
+    """Compute the level at which the intervals of all pairs of `count` estimates hold with 95 %."""
     if count < 2:
         return 0.95
     reach = stats.studentized_range.ppf(0.95, count, np.inf) / np.sqrt(2)

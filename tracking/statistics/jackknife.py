@@ -1,11 +1,10 @@
-"""How much would other test routes and other individuals change AP and recall?
+"""Error of AP and recall by the choice of test routes and individuals.
 
 The test frames are one draw of the traffic. Their error is estimated by leaving each route out in
 turn, and each individual (the delete-one jackknife, with Student's distribution as for few
 clusters: MacKinnon, Nielsen and Webb 2023). Routes hold what their objects share, but are few;
 individuals are more, but are taken as independent: the larger of the two errors counts. Units are
-left out of the area that AP_R40 samples (`training.leave_out`), which moves smoothly with them.
-"""
+left out of the area that AP_R40 samples (`training.leave_out`), which moves smoothly with them."""
 
 from __future__ import annotations
 
@@ -23,15 +22,19 @@ from tracking.statistics.reliability import Noise
 NOTHING = "nothing"
 """Unit of the values with nothing left out: those that the others are compared with."""
 LEAST_ROUTES = 4
-"""With objects of the class. Fewer do not show how routes differ: then individuals alone count."""
+"""Least number of routes with objects of the class; fewer do not show how routes differ.
+
+Then individuals alone count."""
 LEAST_OWN_UNITS = 11
-"""Effective units, less one, from which on every pair of placements has a variance of its own: with
-fewer, intervals of all pairs at once cover less than those of a pooled one (docs/statistics.md)."""
+"""Effective units, less one, from which on every pair of placements has a variance of its own.
+
+With fewer, intervals of all pairs at once cover less than those of a pooled one
+(docs/statistics.md)."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampleError:
-    """What the choice of the test routes and individuals does to a mean over seeds."""
+    """Error of a mean over seeds by the choice of the test routes and individuals."""
 
     variance: float  # of one mean, the mean over the placements
     degrees: float  # its degrees of freedom
@@ -42,30 +45,29 @@ class SampleError:
     covariance: pd.DataFrame
 
     def among(self, placements: Sequence[str]) -> SampleError:
-        """The same with `covariance` of these placements, in this order."""
+        """Select the `covariance` of these placements, in this order."""
         order = pd.Index(placements)
         return replace(self, covariance=self.covariance.reindex(index=order, columns=order))
 
     def of_pairs(self) -> tuple[Values, float]:
-        """Variance of the difference of two means, shape (n, n), and its degrees of freedom.
+        """Compute variance, shape (n, n), and degrees of freedom of differences of two means.
 
         Each pair has a variance of its own, `moderated` by those of the others; of fewer than
-        `LEAST_OWN_UNITS` units all have the pooled one.
-        """
+        `LEAST_OWN_UNITS` units all have the pooled one."""
         matrix = self.covariance.to_numpy(np.float64)
         n = len(matrix)
         if self.units < LEAST_OWN_UNITS or not np.isfinite(matrix).all():
             return np.where(np.eye(n), 0.0, 2 * self.variance), self.degrees
-        own = np.add.outer(np.diag(matrix), np.diag(matrix)) - 2 * matrix
+        unpooled = np.add.outer(np.diag(matrix), np.diag(matrix)) - 2 * matrix
         pair = np.triu_indices(n, 1)
-        values, degrees = moderated(np.maximum(own[pair], 0.0), self.units)
-        found = np.zeros((n, n))
-        found[pair] = values
-        return found + found.T, degrees
+        values, degrees = moderated(np.maximum(unpooled[pair], 0.0), self.units)
+        pair_variances = np.zeros((n, n))
+        pair_variances[pair] = values
+        return pair_variances + pair_variances.T, degrees
 
 
 def sample_error(left_out: pd.DataFrame, paired: bool) -> SampleError | None:
-    """The error of placements that were tested on the same frames.
+    """Estimate the error of placements that were tested on the same frames.
 
     Degrees of freedom are Satterthwaite's: units count by their shares of the ground truth, and
     paired placements by how alike their deviations are. `left_out` has rows of one class, detector,
@@ -74,18 +76,17 @@ def sample_error(left_out: pd.DataFrame, paired: bool) -> SampleError | None:
     placements has twice the variance.
 
     None where it cannot be known: fewer than two units, one that has all ground truths, or, if
-    paired, a single placement.
-    """
-    return largest(error_of_units(*own, paired) for own in by_unit(left_out))
+    paired, a single placement."""
+    return largest(error_of_units(*unit, paired) for unit in by_unit(left_out))
 
 
-def largest(found: Iterable[SampleError | None]) -> SampleError | None:
-    """The error with the larger variance; None without any."""
-    return max(filter(None, found), key=lambda error: error.variance, default=None)
+def largest(errors: Iterable[SampleError | None]) -> SampleError | None:
+    """Return the error with the larger variance; None without any."""
+    return max(filter(None, errors), key=lambda error: error.variance, default=None)
 
 
 def by_unit(left_out: pd.DataFrame) -> Iterator[tuple[Values, Values, pd.Index[str], str]]:
-    """What `error_of_units` takes, for each unit in `left_out`."""
+    """Yield the arguments of `error_of_units` for each unit in `left_out`."""
     each = left_out[left_out["unit"].isin(["route", "individual"])]
     for unit, rows in each.groupby("unit"):
         counts = rows.groupby("left_out")["ground_truths"].first().to_numpy(np.float64)
@@ -96,14 +97,13 @@ def by_unit(left_out: pd.DataFrame) -> Iterator[tuple[Values, Values, pd.Index[s
 def effective(counts: Values, members: Values | float = 1.0) -> float:
     """Count the units of equal size that weigh as much, (Σn)² / Σn² of units of n boxes.
 
-    `members`: the same of the units that each one groups. inf without any box.
-    """
+    `members`: the same of the units that each one groups. inf without any box."""
     squares = float((counts**2 / members).sum())
     return float(counts.sum()) ** 2 / squares if squares else math.inf
 
 
 def effective_individuals(left_out: pd.DataFrame) -> float:
-    """`effective` of the individuals in rows of one class, metric and IoU."""
+    """Count the `effective` individuals in rows of one class, metric and IoU."""
     rows = left_out[left_out["unit"] == "individual"].drop_duplicates("left_out")
     # `members` is optional in a table that is made in Python; reading a run folder adds it.
     members = rows["members"].to_numpy(np.float64) if "members" in rows else 1.0
@@ -113,11 +113,10 @@ def effective_individuals(left_out: pd.DataFrame) -> float:
 def error_of_units(
     values: Values, counts: Values, names: pd.Index[str], unit: str, paired: bool
 ) -> SampleError | None:
-    """`sample_error` of one unit, "route" or "individual", from arrays.
+    """Estimate `sample_error` of one unit, "route" or "individual", from arrays.
 
     `values` are means over seeds with each unit left out (a row) of each placement (a column, by
-    `names`); `counts` are the ground truths of each unit.
-    """
+    `names`); `counts` are the ground truths of each unit."""
     placements, units = values.shape[1], int(np.count_nonzero(counts))
     enough = units >= (LEAST_ROUTES if unit == "route" else 2) and placements > paired
     if not enough or np.isnan(values).any():
@@ -139,10 +138,9 @@ def error_of_units(
 
 
 def combined(noise: Noise, error: SampleError | None) -> Noise:
-    """Seeds and test objects as one noise: that of seeds alone that would scatter as much.
+    """Combine seeds and test objects to one noise: that of seeds alone that would scatter as much.
 
-    Degrees of freedom are rounded down. Without any it stays as it is.
-    """
+    Degrees of freedom are rounded down. Without any it stays as it is."""
     if error is None or error.variance == 0 or noise.degrees == 0:
         return noise
     counts, variance = noise.counts, noise.variance
@@ -158,31 +156,30 @@ MOST_DEGREES = 1e4  # of what the variances have in common: beyond, they are equ
 
 
 def moderated(variances: Values, degrees: float) -> tuple[Values, float]:
-    """Posterior variances under a scaled inverse chi-square prior that is fitted to them.
+    """Compute posterior variances under a scaled inverse chi-square prior that is fitted to them.
 
     Empirical Bayes of Smyth (2004), section 6.2: the prior's degrees of freedom follow from how
     much the logarithms of the variances differ beyond chance. Equal variances are pooled; where
     they differ much each stays almost as it was estimated. `variances` have shape (m,), are not
     negative, and zeros stay; `degrees`, above 0, are those of each. Returns those of the prior
-    added.
-    """
-    known = variances > 0
-    if np.count_nonzero(known) < 2:
+    added."""
+    is_positive = variances > 0
+    if np.count_nonzero(is_positive) < 2:
         return variances, degrees
-    logs = np.log(variances[known])
+    logs = np.log(variances[is_positive])
     beyond = float(logs.var(ddof=1) - special.polygamma(1, degrees / 2))
     prior = min(2 * _inverse_trigamma(beyond), MOST_DEGREES) if beyond > 0 else MOST_DEGREES
     common = np.exp(logs.mean() - _bias(degrees) + _bias(prior))
     whole = prior + degrees
-    return np.where(known, (prior * common + degrees * variances) / whole, 0.0), whole
+    return np.where(is_positive, (prior * common + degrees * variances) / whole, 0.0), whole
 
 
 def _bias(degrees: float) -> float:
-    """Expectation of the logarithm of an estimate of a variance of 1."""
+    """Return the expectation of the logarithm of an estimate of a variance of 1."""
     return float(special.digamma(degrees / 2) - np.log(degrees / 2))
 
 
 def _inverse_trigamma(value: float) -> float:
-    """1 / x < trigamma(x) < 1 / x + 1 / x^2 brackets the root."""
+    """Find the root, which 1 / x < trigamma(x) < 1 / x + 1 / x^2 brackets."""
     low, high = 1 / value, 1 / value + 1 / np.sqrt(value)
     return float(optimize.brentq(lambda x: special.polygamma(1, x) - value, low, high))

@@ -1,4 +1,4 @@
-"""Posterior of the placements' expected metrics: draws, which is best, and what a choice loses."""
+"""Posterior of the placements' expected metrics: draws, the best, and what a choice loses."""
 
 from collections.abc import Iterator
 
@@ -10,11 +10,11 @@ from tracking.statistics.reliability import Noise
 DRAWS = 20_000
 _BLOCK = 1_000
 _LOG_RATIOS = np.linspace(-24.0, 40.0, 1281)
-"""Of the variance between placements over that of a mean over seeds."""
+"""Logarithms of the variance between placements over that of a mean over seeds."""
 
 
 def posterior(means: Values, noise: Noise, seed: int = 0, draws: int = DRAWS) -> Iterator[Values]:
-    """Independent draws from the posterior of the expected metrics, block by block, (draws, n).
+    """Draw independently from the posterior of the expected metrics, block by block, (draws, n).
 
     Seeds scatter normally and alike. Expected metrics are normal around a common mean, so that a
     lead counts for less where the placements differ no more than their seeds do. The sd between
@@ -22,8 +22,7 @@ def posterior(means: Values, noise: Noise, seed: int = 0, draws: int = DRAWS) ->
     which is proper with two placements too; common mean and logarithm of the noise have flat ones.
     Given that ratio the posterior has a closed form. Without any noise it is `means`, once. `noise`
     is of seeds, or of the test objects as well (`tracking.statistics.jackknife`), and has degrees
-    of freedom.
-    """
+    of freedom."""
     n, counts, variance, degrees = len(means), noise.counts, noise.variance, noise.degrees
     if variance == 0:
         yield means[None]
@@ -43,24 +42,23 @@ def posterior(means: Values, noise: Noise, seed: int = 0, draws: int = DRAWS) ->
         - 0.5 * freedom * np.log(square)
     )
     density = np.exp(log_density - log_density.max())
-    done = 0
-    while done < draws:
-        size = min(_BLOCK, draws - done)
+    drawn = 0
+    while drawn < draws:
+        size = min(_BLOCK, draws - drawn)
         at = rng.choice(len(ratio), size, p=density / density.sum())
         within = square[at] / rng.chisquare(freedom, size)
         common = centre[at] + np.sqrt(within / weight[at].sum(axis=1)) * rng.standard_normal(size)
         precision = counts + 1 / ratio[at]
-        middle = (counts * means + common[:, None] / ratio[at]) / precision
-        yield middle + np.sqrt(within[:, None] / precision) * rng.standard_normal((size, n))
-        done += size
+        expected = (counts * means + common[:, None] / ratio[at]) / precision
+        yield expected + np.sqrt(within[:, None] / precision) * rng.standard_normal((size, n))
+        drawn += size
 
 
 def probability_of_best(means: Values, noise: Noise, seed: int = 0, draws: int = DRAWS) -> Values:
-    """Posterior probability of each placement to have the highest expected metric, shape (n,).
+    """Compute the posterior probability of each placement to have the highest metric, shape (n,).
 
-    Arguments are those of `posterior`. Equal placements share it where nothing is noise; NaN
-    without degrees of freedom.
-    """
+    The metric is the expected one; arguments are those of `posterior`. Equal placements share it
+    where nothing is noise; NaN without degrees of freedom."""
     if noise.degrees == 0:
         return np.full(len(means), np.nan)
     wins = np.zeros(len(means))
@@ -73,7 +71,7 @@ def probability_of_best(means: Values, noise: Noise, seed: int = 0, draws: int =
 def expected_regret(
     means: Values, noise: Noise, choices: Values, seed: int = 0, draws: int = DRAWS
 ) -> Values:
-    """By how much the expected metric of a choice is below that of the truly best placement.
+    """Compute how far the expected metric of a choice is below that of the truly best placement.
 
     The highest mean is partly the luckiest, so that the distance of a choice from it is too large
     on average. Here best and choice are those of expected metrics that are drawn from the
@@ -82,8 +80,7 @@ def expected_regret(
     shape (choices, n), rows sum to 1; other arguments are those of `posterior`.
 
     Expected regret, in the unit of the means, and the bounds of its central 95 %, shape
-    (choices, 3). NaN without degrees of freedom.
-    """
+    (choices, 3). NaN without degrees of freedom."""
     if noise.degrees == 0:
         return np.full((len(choices), 3), np.nan)
     blocks = posterior(means, noise, seed, draws)

@@ -1,4 +1,4 @@
-"""Which correlation can differ significantly from zero with so many placements?"""
+"""Power of tests: which correlation differs significantly from zero with so many placements."""
 
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -20,13 +20,13 @@ MOST_PLACEMENTS = 10_000
 
 @lru_cache(maxsize=4096)
 def power(rho: float, n: int, coefficient: str = "pearson", reliability: float = 1.0) -> float:
-    """Probability that a two-sided test at 5 % finds a correlation, in a normal population.
+    """Compute the probability that a two-sided test at 5 % finds a correlation.
 
-    `pearson` is exact: given the surrogates, Student's t of r is not central. `spearman` is
-    simulated from fixed draws (standard error below 0.013), with the exact critical value up to 8
-    placements. Up to 4 placements no permutation test reaches 5 %, so the power is 0. `reliability`
-    is that of the mean over seeds, whose noise hides some of the correlation `rho`.
-    """
+    The population is normal. `pearson` is exact: given the surrogates, Student's t of r is not
+    central. `spearman` is simulated from fixed draws (standard error below 0.013), with the exact
+    critical value up to 8 placements. Up to 4 placements no permutation test reaches 5 %, so the
+    power is 0. `reliability` is that of the mean over seeds, whose noise hides some of the
+    correlation `rho`."""
     if not (-1 <= rho <= 1 and 0 <= reliability <= 1):
         wanted = "rho in [-1, 1] and reliability in [0, 1]"
         raise InputError(expected=wanted, found=f"{rho} and {reliability}")
@@ -42,33 +42,32 @@ def power(rho: float, n: int, coefficient: str = "pearson", reliability: float =
 
 @lru_cache(maxsize=256)
 def smallest_detectable(n: int, coefficient: str = "pearson", reliability: float = 1.0) -> float:
-    """The smallest |rho| that n placements find with 80 % probability; NaN if there is none."""
+    """Find the smallest |rho| that n placements show with 80 % probability; NaN without any."""
     if power(1.0, n, coefficient, reliability) < TARGET:
         return float("nan")
     low, high = 0.0, 1.0
     while high - low > 1e-3:
-        middle = (low + high) / 2
-        if power(middle, n, coefficient, reliability) < TARGET:
-            low = middle
+        rho = (low + high) / 2
+        if power(rho, n, coefficient, reliability) < TARGET:
+            low = rho
         else:
-            high = middle
+            high = rho
     return high
 
 
 def placements_needed(rho: float, coefficient: str = "pearson", reliability: float = 1.0) -> int:
-    """How many placements find a correlation of `rho` with 80 % probability.
+    """Find how many placements find a correlation of `rho` with 80 % probability.
 
-    Raises ValueError: 10,000 do not suffice.
-    """
+    Raises ValueError: 10,000 do not suffice."""
     if power(rho, MOST_PLACEMENTS, coefficient, reliability) < TARGET:
         raise InputError(f"{MOST_PLACEMENTS} placements do not suffice to find rho = {rho:g}")
     sizes = range(5, MOST_PLACEMENTS + 1)
-    found = bisect_left(sizes, TARGET, key=lambda n: power(rho, n, coefficient, reliability))
-    return sizes[found]
+    index = bisect_left(sizes, TARGET, key=lambda n: power(rho, n, coefficient, reliability))
+    return sizes[index]
 
 
 def power_table(placements: Sequence[int], reliability: float = 1.0) -> pd.DataFrame:
-    """`smallest_detectable` for every number of placements: columns n, pearson, spearman."""
+    """Compute `smallest_detectable` by number of placements: columns n, pearson, spearman."""
     columns = {
         name: [smallest_detectable(n, name, reliability) for n in placements]
         for name in ("pearson", "spearman")
@@ -77,7 +76,9 @@ def power_table(placements: Sequence[int], reliability: float = 1.0) -> pd.DataF
 
 
 def _power_of_pearson(rho: float, n: int) -> float:
-    """Given x, t of r is noncentral, by rho / sqrt(1 - rho^2) times a chi of n - 1 degrees."""
+    """Compute the power exactly: given x, t of r is noncentral.
+
+    Its noncentrality is rho / sqrt(1 - rho^2) times a chi of n - 1 degrees."""
     if rho > 1 - 1e-9:
         return 1.0
     nodes, weights = np.polynomial.legendre.leggauss(32)
@@ -89,18 +90,19 @@ def _power_of_pearson(rho: float, n: int) -> float:
 
 
 def _power_of_spearman(rho: float, n: int) -> float:
-    """Share of simulated samples whose |rho| reaches the critical value."""
+    """Compute the share of simulated samples whose |rho| reaches the critical value."""
     x, noise = _samples(n)
     y = rho * x + np.sqrt(max(1 - rho**2, 0.0)) * noise
     ranks = np.arange(n) - (n - 1) / 2
-    found = np.argsort(y, axis=1) @ ranks / (ranks @ ranks)
-    return float(np.mean(np.abs(found) >= _critical_spearman(n) - 1e-9))
+    coefficients = np.argsort(y, axis=1) @ ranks / (ranks @ ranks)
+    return float(np.mean(np.abs(coefficients) >= _critical_spearman(n) - 1e-9))
 
 
 @lru_cache(maxsize=1)  # a bisection over rho has one n
 def _samples(n: int) -> tuple[Values, Values]:
-    """Two independent samples of n in each draw, shape (draws, n). The first one is in its order:
-    it has the ranks 0 to n - 1."""
+    """Draw two independent samples of n in each draw, shape (draws, n).
+
+    The first one is in its order: it has the ranks 0 to n - 1."""
     draws = int(np.clip(100_000 // n, 1_000, 10_000))
     rng = np.random.default_rng(0)
     return np.sort(rng.standard_normal((draws, n)), axis=1), rng.standard_normal((draws, n))
@@ -108,7 +110,7 @@ def _samples(n: int) -> tuple[Values, Values]:
 
 @lru_cache(maxsize=256)
 def _critical_spearman(n: int) -> float:
-    """The smallest |rho| whose two-sided p is at most 5 %; from Student's t beyond 8 placements."""
+    """Return the smallest |rho| with a two-sided p of 5 %; by Student's t beyond 8 placements."""
     if n > LARGEST_EXACT:
         t = stats.t.ppf(1 - ALPHA / 2, n - 2)
         return float(t / np.sqrt(n - 2 + t**2))

@@ -9,19 +9,18 @@ from scipy import stats
 from tracking.statistics import Values
 
 LARGEST_EXACT_RHO = 12
-"""Up to this many pairs the null of rho is counted: 17 MB, 0.05 s."""
+"""Most pairs for which the null of rho is counted: 17 MB, 0.05 s."""
 
 LARGEST_EXACT_TAU = 100
-"""Up to this many pairs the null of tau is counted; beyond, it counts as normal."""
+"""Most pairs for which the null of tau is counted; beyond, it counts as normal."""
 
 
 def rank_test_p(x: Values, y: Values, coefficient: str) -> Values:
-    """Two-sided p-value of each row of `x` (k, n) with `y` (n,), twice the smaller tail.
+    """Compute the two-sided p-value (twice the smaller tail) of each row of x (k, n) with y (n,).
 
     Exact where the null can be counted: for rho if there are no ties, for tau if at most one of
     both samples has ties. For tau beyond `LARGEST_EXACT_TAU` pairs it is scipy's for large samples,
-    as a random order of n (n - 1) / 2 signs takes too long. NaN elsewhere, and for Pearson's r.
-    """
+    as a random order of n (n - 1) / 2 signs takes too long. NaN elsewhere, and for Pearson's r."""
     n, p = len(y), np.full(len(x), np.nan)
     if coefficient == "kendall" and n > LARGEST_EXACT_TAU:
         return np.array([stats.kendalltau(row, y, method="asymptotic").pvalue for row in x])
@@ -46,10 +45,9 @@ def _ties(values: Values) -> tuple[int, ...]:
 
 @lru_cache(maxsize=4)
 def lower_tail_of_rho(n: int) -> Values:
-    """Share of the permutations of 1 to n whose sum of i times the i-th is at most the index.
+    """Compute the share of permutations of n whose sum of i times the i-th is at most the index.
 
-    The sums are counted over the sets of numbers that the first positions use.
-    """
+    The sums are counted over the sets of numbers that the first positions use."""
     most = n * (n + 1) * (2 * n + 1) // 6
     counts = np.zeros((2**n, most + 1), dtype=np.int64)
     counts[0, 0] = 1
@@ -64,10 +62,9 @@ def lower_tail_of_rho(n: int) -> Values:
 
 @lru_cache(maxsize=16)
 def lower_tail_of_tau(ties: tuple[int, ...]) -> Values:
-    """Share of the orders of tied numbers that have at most as many inversions as the index.
+    """Compute the share of orders of tied numbers with at most as many inversions as the index.
 
-    Their numbers are the coefficients of Gauss's multinomial, in exact integers (Kendall 1945).
-    """
+    Their numbers are the coefficients of Gauss's multinomial, in exact integers (Kendall 1945)."""
     n = sum(ties)
     counts = np.zeros(math.comb(n, 2) - sum(math.comb(t, 2) for t in ties) + 1, dtype=object)
     counts[0] = 1

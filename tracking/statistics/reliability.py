@@ -1,4 +1,4 @@
-"""How much of a metric's spread lies between placements, and how much is the seeds' noise?"""
+"""Reliability of a metric: the share of its spread between placements that is not seeds' noise."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tracking.statistics import Values
 
 @dataclass(frozen=True)
 class Noise:
-    """How means over seeds scatter: the variance of a mean is `variance / counts`."""
+    """Noise of means over seeds: the variance of a mean is `variance / counts`."""
 
     counts: Values  # seeds of every placement, shape (n,)
     variance: float  # of one seed's value; NaN without degrees of freedom
@@ -26,8 +26,7 @@ class Noise:
     def of(cls, y: Values) -> Noise:
         """Estimate the noise of differences between placements; `y` has shape (n, seeds).
 
-        By `without_seeds` where all placements have the same seeds, else by `pooled_variance`.
-        """
+        By `without_seeds` where all placements have the same seeds, else by `pooled_variance`."""
         counts = np.isfinite(y).sum(axis=1).astype(np.float64)
         paired = _crossed(y)
         variance, degrees = without_seeds(y)[1:] if paired else pooled_variance(y)
@@ -37,12 +36,11 @@ class Noise:
 
     @classmethod
     def of_each(cls, y: Values) -> Noise:
-        """Of the means themselves, what a seed adds to all placements alike included.
+        """Estimate the noise of the means, with what a seed adds to all placements alike.
 
         The variance is `pooled_variance`. Where all placements have the same seeds, its degrees of
         freedom are Satterthwaite's, of the mean squares of a two-way analysis of variance: those of
-        the seeds if their effect is large. `y` has shape (n, seeds), NaN where a seed is missing.
-        """
+        the seeds if their effect is large. `y` has shape (n, seeds), NaN where one is missing."""
         variance, degrees = pooled_variance(y)
         noise = cls.of(y)
         if noise.degrees and _crossed(y):
@@ -61,7 +59,7 @@ class Noise:
 
 
 def without_seeds(y: Values) -> tuple[Values, Values, Values]:
-    """Means of placements without what a seed adds to all of them, and the noise of one value.
+    """Remove from the means of placements what a seed adds to all; estimate the noise of one value.
 
     Trainings of one seed share order, augmentation and initial weights. So a value is a part of its
     placement, one of its seed, and noise: a two-way analysis of variance without repetition (Fisher
@@ -70,8 +68,7 @@ def without_seeds(y: Values) -> tuple[Values, Values, Values]:
     not share enough of them, these are `seed_mean` and `pooled_variance`.
 
     `y` has a row a placement and a column a seed, shape (..., n, seeds), NaN where one is missing.
-    Returns the means, (..., n), the variance, NaN without degrees of freedom, and these, (...,).
-    """
+    Returns the means, (..., n), the variance, NaN without degrees of freedom, and these, (...,)."""
     measured, means = np.isfinite(y), seed_mean(y)
     rest = np.where(measured, y - means[..., None], 0.0)
     counts = measured.sum(axis=-1, keepdims=True)
@@ -94,12 +91,12 @@ def without_seeds(y: Values) -> tuple[Values, Values, Values]:
 
 
 def _crossed(y: Values) -> NDArray[np.bool_]:
-    """Whether two placements or more all have the same two seeds or more, shape (...,)."""
+    """Tell whether two placements or more all have the same two seeds or more, shape (...,)."""
     return np.asarray(np.isfinite(y).all(axis=(-2, -1)) & (min(y.shape[-2:]) > 1))
 
 
 def pooled_variance(y: Values) -> tuple[Values, NDArray[np.intp]]:
-    """Variance of one value within placements, pooled over them, and its degrees of freedom."""
+    """Pool the variance within placements over them; return it with its degrees of freedom."""
     counts = np.isfinite(y).sum(axis=-1)
     degrees = np.maximum(counts - 1, 0).sum(axis=-1)
     deviations = y - seed_mean(y)[..., None]
@@ -108,7 +105,7 @@ def pooled_variance(y: Values) -> tuple[Values, NDArray[np.intp]]:
 
 
 def seed_mean(y: Values) -> Values:
-    """Mean over the seeds that are there, shape (..., n); NaN where none is."""
+    """Average over the seeds that are there, shape (..., n); NaN where none is."""
     counts = np.isfinite(y).sum(axis=-1)
     return np.where(counts > 0, np.nansum(y, axis=-1) / np.maximum(counts, 1), np.nan)
 
@@ -116,7 +113,7 @@ def seed_mean(y: Values) -> Values:
 def reliability(
     means: Values, variance: ArrayLike, degrees: ArrayLike, confidence: float = 0.95
 ) -> Values:
-    """Share of the variance of means between placements that is not noise, with its interval.
+    """Compute the share of the variance of means between placements that is not noise.
 
     1 - (variance of the noise of a mean) / (variance of the means). With `without_seeds` this is
     ICC(3, k) where all placements have the same seeds, ICC(1, k) for others in equal number (Shrout
@@ -125,20 +122,19 @@ def reliability(
     mean: by seeds, test objects, or both.
 
     Value, lower and upper bound, shape (..., 3), in [0, 1]. NaN for fewer than two placements,
-    noise without degrees of freedom, or no spread at all.
-    """
+    noise without degrees of freedom, or no spread at all."""
     n, degrees = means.shape[-1], np.asarray(degrees, np.float64)
     spread = np.var(means, axis=-1, ddof=1) if n > 1 else np.zeros(means.shape[:-1])
-    known = (degrees > 0) & (spread > 0)
-    share = np.where(known, variance, np.nan) / np.where(known, spread, 1.0)
+    is_estimable = (degrees > 0) & (spread > 0)
+    share = np.where(is_estimable, variance, np.nan) / np.where(is_estimable, spread, 1.0)
     tail = (1 + confidence) / 2
-    freedom = np.where(known, degrees, np.nan)
+    freedom = np.where(is_estimable, degrees, np.nan)
     bounds = [stats.f.ppf(q, max(n - 1, 1), freedom) for q in (tail, 1 - tail)]
     within = share[..., None] * np.stack([np.ones_like(freedom), *bounds], -1)
     return np.asarray(np.clip(1 - within, 0, 1))
 
 
 def reliability_of_mean(single: ArrayLike, seeds: ArrayLike) -> Values:
-    """Reliability of a mean over seeds from that of one seed (Spearman 1910, Brown 1910)."""
+    """Compute the reliability of a mean over seeds from that of one (Spearman 1910, Brown 1910)."""
     one, s = np.asarray(single, np.float64), np.asarray(seeds, np.float64)
     return s * one / (1 + (s - 1) * one)

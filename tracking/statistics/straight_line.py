@@ -1,4 +1,4 @@
-"""Predict a metric by a straight line of a surrogate, leaving one placement out at a time."""
+"""Prediction of a metric by a straight line of a surrogate, each placement left out in turn."""
 
 import numpy as np
 
@@ -6,10 +6,9 @@ from tracking.statistics import Values
 
 
 def left_out_predictions(x: Values, y: Values) -> Values:
-    """Each value of `y` from the least-squares line of `x` through the others; shapes (n,).
+    """Predict each value of `y` by the least-squares line of `x` through the others; shapes (n,).
 
-    A constant predicts the mean of the others.
-    """
+    A constant predicts the mean of the others."""
     # Numbers near 1e300 or 1e-300 have no squares: the largest becomes 1.
     scaled = x / (np.abs(x).max() or 1.0)
     predictions = np.empty(len(y))
@@ -22,10 +21,10 @@ def left_out_predictions(x: Values, y: Values) -> Values:
 
 
 def left_out_means(y: Values) -> Values:
-    """Each value of `y` as the mean of the others, shape (n,)."""
+    """Predict each value of `y` by the mean of the others, shape (n,)."""
     return np.asarray((y.sum() - y) / (len(y) - 1))
 
 
-def rmse(found: Values, expected: Values) -> float:
-    """Root of the mean squared difference."""
-    return float(np.sqrt(np.mean((found - expected) ** 2)))
+def rmse(predicted: Values, expected: Values) -> float:
+    """Compute the root of the mean squared difference."""
+    return float(np.sqrt(np.mean((predicted - expected) ** 2)))

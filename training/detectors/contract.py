@@ -12,8 +12,8 @@ from torch import Tensor
 
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.foreign_code import foreign_code
-from lidarplace.detections.limits import check_unit, first_invalid
 from lidarplace.logs.boxes import GEOMETRY, SIZE
+from lidarplace.logs.plausibility import check_unit, first_invalid
 from training.detectors.detector import Detector
 
 _COLUMNS = {"boxes": (7,), "scores": (), "labels": (), "refined": (7,)}

@@ -6,9 +6,9 @@ from itertools import chain
 import pandas as pd
 
 from lidarplace.base.errors import InputError
-from training.sanity_checks.conventions import doubts_of_conventions
-from training.sanity_checks.doubt import DetectionCheck, DetectionDoubt
-from training.sanity_checks.hits import doubts_of_hits
+from lidarplace.logs.plausibility import DetectionCheck, ImplausibleValue, cautions_of
+from training.sanity_checks.conventions import implausible_conventions
+from training.sanity_checks.hits import implausible_hits
 from training.sanity_checks.sample import Sample
 
 MOST_EQUAL = 0.05
@@ -30,33 +30,30 @@ def check_detections(
         labels: the objects that count: frame, class and `GEOMETRY`.
         frames: scene and frame of the frames, and poses where they are known.
         place: names the detections in messages.
-        accept: checks whose doubts are left out.
+        accept: checks whose implausible values are accepted.
         accepting: how a user accepts one, {} being its name.
 
-    Returns cautions, a line each. Raises InputError for a doubt that is certain.
+    Returns cautions, a line each. Raises InputError for a value that is certain.
     """
-    cautions = []
-    sample = Sample.of(detections, labels, frames)
-    for doubt in doubts_of_detections(sample):
-        if doubt.check not in accept:
-            fix = f"{doubt.remedy}, or accept the values: {accepting.format(doubt.check)}"
-            error = InputError(doubt.why, place=str(place), key=f"column {doubt.column}", fix=fix)
-            if doubt.certain:
-                raise error
-            cautions.append(str(error))
-    return cautions
+
+    def error_of(value: ImplausibleValue) -> InputError:
+        fix = f"{value.remedy}, or accept the values: {accepting.format(value.check)}"
+        return InputError(value.problem, place=str(place), key=f"column {value.column}", fix=fix)
+
+    values = implausible_detections(Sample.of(detections, labels, frames))
+    return cautions_of((value, error_of(value)) for value in values if value.check not in accept)
 
 
-def doubts_of_detections(sample: Sample) -> Iterator[DetectionDoubt]:
-    """Yield all doubts, first those that explain others; none without labels or detections."""
+def implausible_detections(sample: Sample) -> Iterator[ImplausibleValue]:
+    """Run all checks, first those that explain others; none without labels or detections."""
     if len(sample.labels) and len(sample.detections):
         yield from chain(
-            _doubts_of_rows(sample), doubts_of_conventions(sample), doubts_of_hits(sample)
+            _repeated_rows(sample), implausible_conventions(sample), implausible_hits(sample)
         )
 
 
-def _doubts_of_rows(sample: Sample) -> Iterator[DetectionDoubt]:
+def _repeated_rows(sample: Sample) -> Iterator[ImplausibleValue]:
     equal = sample.detections[sample.chosen_detections()].duplicated()
     if equal.sum() > max(1, MOST_EQUAL * len(equal)):
-        why = f"{equal.sum():,} of {len(equal):,} rows equal another one"
-        yield DetectionDoubt("rows", "frame", why, "name each file once")
+        problem = f"{equal.sum():,} of {len(equal):,} rows equal another one"
+        yield ImplausibleValue("rows", "frame", problem, "name each file once", certain=True)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, full_poses
+from lidarplace.logs.plausibility import DetectionCheck, ImplausibleValue
 from lidarplace.scenes.datasets.se3 import Poses
 from lidarplace.scenes.sanity_checks.boxes import FARTHEST_M
-from training.sanity_checks.doubt import DetectionCheck, DetectionDoubt
 from training.sanity_checks.sample import Boxes, Sample
 
 LEAST = 10
@@ -63,37 +63,38 @@ class Convention(NamedTuple):
     frame: NDArray[np.int64]  # its place in `Sample.frames`, -1 for none
 
 
-def doubts_of_conventions(sample: Sample) -> Iterator[DetectionDoubt]:
-    """Doubt of the convention of the boxes; that of the height only if they fit from above."""
+def implausible_conventions(sample: Sample) -> Iterator[ImplausibleValue]:
+    """Check the convention of the boxes; that of the height only if they fit from above."""
     chosen = sample.chosen_detections()
     boxes = sample.detections[list(GEOMETRY)].to_numpy(np.float64)[chosen]
     original = Convention("place", "x", "", boxes, sample.frame[chosen])
     from_above = sample.largest(sample.overlaps(boxes, original.frame, three_d=False))
-    doubt = _fitting(sample, from_above, _from_above(sample, original), three_d=False)
-    if doubt is None and len(boxes) and np.median(np.hypot(*boxes[:, :2].T)) > FARTHEST_M:
-        why = f"most detections are farther than {FARTHEST_M:,.0f} m from the vehicle"
+    value = _fitting(sample, from_above, _from_above(sample, original), three_d=False)
+    if value is None and len(boxes) and np.median(np.hypot(*boxes[:, :2].T)) > FARTHEST_M:
+        problem = f"most detections are farther than {FARTHEST_M:,.0f} m from the vehicle"
         remedy = "convert them to metres in the vehicle's frame"
-        doubt = DetectionDoubt("place", "x", why, remedy)
-    elif doubt is None and not from_above.any():
+        value = ImplausibleValue("place", "x", problem, remedy, certain=True)
+    elif value is None and not from_above.any():
         if min(len(boxes), len(from_above)) < ENOUGH:
             return
-        why = (
+        problem = (
             f"none of {len(boxes):,} detections in {len(sample.chosen):,} frames overlaps an object"
         )
         remedy = "look for another frame of coordinates"
-        doubt = DetectionDoubt("overlap", "x", why, remedy, certain=False)
-    elif doubt is None:
+        value = ImplausibleValue("overlap", "x", problem, remedy, certain=False)
+    elif value is None:
         whole = sample.largest(sample.overlaps(boxes, original.frame, three_d=True))
-        doubt = _fitting(sample, whole, _heights(sample, original), three_d=True)
-    yield from () if doubt is None else (doubt,)
+        value = _fitting(sample, whole, _heights(sample, original), three_d=True)
+    yield from () if value is None else (value,)
 
 
 def _fitting(
     sample: Sample, before: NDArray[np.float64], others: Iterator[Convention], three_d: bool
-) -> DetectionDoubt | None:
-    """Doubt that names the convention that fits best, the first of equals; None: none is far better
-    than the original one, whose largest IoU of each label is `before`."""
-    most, doubt = 0.0, None
+) -> ImplausibleValue | None:
+    """Name the convention that fits best, the first of equals; None if none is far better.
+
+    `before` is the largest IoU of each label in the original one."""
+    most, value = 0.0, None
     for other in others:
         after = sample.largest(sample.overlaps(other.boxes, other.frame, three_d))
         if (total := float(after.sum())) <= 1.02 * most:
@@ -105,12 +106,13 @@ def _fitting(
         medians = float(np.median(before[telling])), float(np.median(after[telling]))
         if other.check in BIASES and medians[1] < BETTER * medians[0]:
             continue
-        why = (
+        problem = (
             f"detections fit the labels {other.text}: median IoU {medians[1]:.2f} instead of "
             f"{medians[0]:.2f}, of {telling.sum():,} objects in {len(sample.chosen):,} frames"
         )
-        most, doubt = total, DetectionDoubt(other.check, other.column, why, "convert them")
-    return doubt
+        value = ImplausibleValue(other.check, other.column, problem, "convert them", certain=True)
+        most = total
+    return value
 
 
 def _from_above(sample: Sample, original: Convention) -> Iterator[Convention]:

@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.stats import rankdata
 
 from lidarplace.logs.boxes import GEOMETRY
-from training.sanity_checks.doubt import DetectionDoubt
+from lidarplace.logs.plausibility import ImplausibleValue
 from training.sanity_checks.sample import Overlaps, Sample
 
 HIT = 0.3
@@ -23,8 +23,8 @@ LEAST_AUC, SIGMAS = 0.35, 4
 deviations below 1/2 are no chance."""
 
 
-def doubts_of_hits(sample: Sample) -> Iterator[DetectionDoubt]:
-    """Doubts of classes and scores."""
+def implausible_hits(sample: Sample) -> Iterator[ImplausibleValue]:
+    """Check classes and scores."""
     boxes = sample.detections[list(GEOMETRY)].to_numpy(np.float64)
     overlaps = sample.overlaps(boxes, sample.frame, three_d=False)
     hit = overlaps.iou > HIT
@@ -33,8 +33,8 @@ def doubts_of_hits(sample: Sample) -> Iterator[DetectionDoubt]:
     yield from _scores(sample, hits)
 
 
-def _classes(sample: Sample, hits: Overlaps) -> Iterator[DetectionDoubt]:
-    """Doubt of classes that hit each other's objects."""
+def _classes(sample: Sample, hits: Overlaps) -> Iterator[ImplausibleValue]:
+    """Check for classes that hit each other's objects."""
     tables = (sample.labels, hits.label), (sample.detections, hits.detection)
     truth, named = (table["class"].to_numpy()[rows] for table, rows in tables)
     names = sorted({*truth, *named})
@@ -45,14 +45,17 @@ def _classes(sample: Sample, hits: Overlaps) -> Iterator[DetectionDoubt]:
     if moved.sum() > 1 and other[moved].sum() >= LEAST:
         pairs = zip(of_detection[moved].tolist(), of_label[moved].tolist(), strict=True)
         text = ", ".join(f"{names[one]} those of {names[of]}" for one, of in pairs)
-        why = f"detections hit objects of other classes: {text}; {other[moved].sum():,} times, "
-        why += f"their own {right[moved].sum():,} times"
-        yield DetectionDoubt("class", "class", why, "correct the order of the classes")
+        problem = f"detections hit objects of other classes: {text}; {other[moved].sum():,} times, "
+        problem += f"their own {right[moved].sum():,} times"
+        yield ImplausibleValue(
+            "class", "class", problem, "correct the order of the classes", certain=True
+        )
 
 
-def _scores(sample: Sample, hits: Overlaps) -> Iterator[DetectionDoubt]:
-    """Doubt of scores that are out of range, or lower for hits than for false alarms between the
-    labels, class by class (Mann and Whitney)."""
+def _scores(sample: Sample, hits: Overlaps) -> Iterator[ImplausibleValue]:
+    """Check for scores out of range, or lower for hits than for false alarms between the labels.
+
+    Hits and false alarms are compared class by class (Mann and Whitney)."""
     detections, labels = sample.detections, sample.labels
     score, name = detections["score"].to_numpy(np.float64), detections["class"].to_numpy()
     same = labels["class"].to_numpy()[hits.label] == name[hits.detection]
@@ -71,10 +74,12 @@ def _scores(sample: Sample, hits: Overlaps) -> Iterator[DetectionDoubt]:
         variance += both * (len(rows) + 1) / 12
     low, high = score.min(), score.max()
     if pairs_won < min(LEAST_AUC * pairs, pairs / 2 - SIGMAS * math.sqrt(variance)):
-        why = f"a hit has a higher score than a false alarm in {pairs_won / pairs:.0%} of the pairs"
+        won = f"{pairs_won / pairs:.0%}"
+        problem = f"a hit has a higher score than a false alarm in {won} of the pairs"
         remedy = "the surer the higher; negate them" if high <= 0 else "the surer the higher"
-        yield DetectionDoubt("score", "score", why, remedy, certain=bool(high <= 0))
+        yield ImplausibleValue("score", "score", problem, remedy, certain=bool(high <= 0))
     elif low < 0 or high > 1:
         unit = "percent" if low >= 0 and high <= 100 else "logits"
-        why = f"scores are from {low:.3g} to {high:.3g}, as {unit} are; AP uses their order only"
-        yield DetectionDoubt("score", "score", why, "convert them to 0 to 1", certain=False)
+        problem = f"scores are from {low:.3g} to {high:.3g}, as {unit} are; "
+        problem += "AP uses their order only"
+        yield ImplausibleValue("score", "score", problem, "convert them to 0 to 1", certain=False)

@@ -132,24 +132,25 @@ def _check_seen(traffic: Traffic, clouds: PointClouds, route: str, report: Repor
 
 
 def unhit(boxes: pd.DataFrame, models: pd.Series, clouds: PointClouds) -> tuple[list[str], bool]:
-    """Models that were near `ENOUGH` times and never hit, sorted; and whether nothing was hit.
+    """List models that were near `ENOUGH` times and never hit, sorted; and whether nothing was hit.
+
     `models` has the blueprint of each row of `boxes`, `clouds` are of their frames."""
     near, hit = Counter[str](), Counter[str]()
     index_of = {frame: i for i, frame in enumerate(clouds.frames.tolist())}
     close = np.hypot(boxes["x"], boxes["y"]) <= NEAR_M
-    for frame, own in boxes[close].assign(model=models).groupby("frame"):
-        near.update(own["model"])
-        solid = own[list(GEOMETRY)].to_numpy(np.float64, copy=True)
+    for frame, of_frame in boxes[close].assign(model=models).groupby("frame"):
+        near.update(of_frame["model"])
+        solid = of_frame[list(GEOMETRY)].to_numpy(np.float64, copy=True)
         solid[:, 2] += (FOOT_M + MARGIN_M) / 2
         solid[:, 3:6] += [2 * MARGIN_M, 2 * MARGIN_M, MARGIN_M - FOOT_M]
-        hit.update(own["model"][count_points(clouds[index_of[frame]], solid) > 0])
+        hit.update(of_frame["model"][count_points(clouds[index_of[frame]], solid) > 0])
     never = sorted(model for model, count in near.items() if count >= ENOUGH and not hit[model])
     return never, near.total() >= ENOUGH and not hit.total()
 
 
 @contextmanager
 def _whole(folder: Path, out: Path) -> Iterator[Path]:
-    """An empty folder to write to, which takes the place of `folder` at the end."""
+    """Make an empty folder to write to, which takes the place of `folder` at the end."""
     partial = out / "unfinished"
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)

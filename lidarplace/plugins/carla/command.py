@@ -27,14 +27,14 @@ def _named(lidar: object) -> object:
 
 
 class Collection(Settings):
-    """A settings file."""
+    """Settings file of a collection."""
 
     scene: CarlaScene = CarlaScene()
     lidar: Annotated[Lidar, BeforeValidator(_named)] | None = None
-    """Of every placement, by its name in the catalogue, or lengths in metres and angles in radians;
-    null is the paper's."""
+    """LiDAR of every placement: its name in the catalogue, or lengths in metres and angles in
+    radians; null is the paper's."""
     placements: dict[Name, PlacementSettings | None] = dict.fromkeys(PAPER_PLACEMENTS)
-    """By name, as in a sweep; the name alone, without mounts, is one of the paper's eight."""
+    """Placements by name, as in a sweep; without mounts, a name is one of the paper's eight."""
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -42,8 +42,10 @@ class Collection(Settings):
         return self
 
     def rigs(self) -> dict[str, Placement]:
-        """The placements. Raises ValueError for a name without mounts that is not the paper's, and
-        for LiDARs with what none of CARLA's has."""
+        """Build the placements.
+
+        Raises ValueError for a name without mounts that is not the paper's, and for LiDARs with
+        what none of CARLA's has."""
         lidar = self.lidar or Lidar.paper()
         rigs = {}
         for name, settings in self.placements.items():
@@ -52,10 +54,10 @@ class Collection(Settings):
             elif name in PAPER_PLACEMENTS:
                 rigs[name] = PAPER_PLACEMENTS[name].with_lidar(lidar)
             else:
-                known = f"mounts, which only {', '.join(PAPER_PLACEMENTS)} may lack"
-                raise InputError(key=f"placements.{name}", expected=known, found="none")
-            for own in rigs[name].lidars:
-                check_possible(own, f"placements: {name}")
+                expected = f"mounts, which only {', '.join(PAPER_PLACEMENTS)} may lack"
+                raise InputError(key=f"placements.{name}", expected=expected, found="none")
+            for model in rigs[name].lidars:
+                check_possible(model, f"placements: {name}")
         return rigs
 
 
@@ -80,9 +82,9 @@ def carla(
     """
     try:
         content = read_yaml_file(config) or {}
-        given = {"host": host, "port": port, "timeout_s": timeout}
+        options = {"host": host, "port": port, "timeout_s": timeout}
         if isinstance(content, dict) and isinstance(content.get("scene", {}), dict):
-            named = {key: value for key, value in given.items() if value is not None}
+            named = {key: value for key, value in options.items() if value is not None}
             content = content | {"scene": content.get("scene", {}) | named}
         collection = Collection.model_validate(content)
         collect(collection.scene, collection.rigs(), out, report=say)

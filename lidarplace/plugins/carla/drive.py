@@ -35,19 +35,20 @@ Report = Callable[[str], None]
 
 
 def drive(client: carla.Client, scene: CarlaScene, route: Route, report: Report) -> Traffic:
-    """Record one route, no LiDAR is mounted yet; `report` receives what was left out. Raises
-    ValueError: the town lacks a map, starts or room, or the ego's blueprint is unknown;
+    """Record one route, no LiDAR is mounted yet; `report` receives what was left out.
+
+    Raises ValueError: the town lacks a map, starts or room, or the ego's blueprint is unknown;
     RuntimeError: the server failed."""
     world = load_town(client, route.town)
     traffic_manager = client.get_trafficmanager(scene.traffic_manager_port)
-    with synchronous(world), closing(Actors(client, world)) as own:
+    with synchronous(world), closing(Actors(client, world)) as actors:
         traffic_manager.set_synchronous_mode(True)
         traffic_manager.set_random_device_seed(route.seed)
         if hasattr(world, "set_pedestrians_seed"):
             world.set_pedestrians_seed(route.seed)
         try:
-            vehicles = _spawn_vehicles(world, own, scene, route, report)
-            walkers = _spawn_walkers(world, own, scene, route, report)
+            vehicles = _spawn_vehicles(world, actors, scene, route, report)
+            walkers = _spawn_walkers(world, actors, scene, route, report)
             for vehicle in vehicles:
                 vehicle.set_autopilot(True, traffic_manager.get_port())
             for _ in range(scene.warmup_steps):
@@ -59,9 +60,9 @@ def drive(client: carla.Client, scene: CarlaScene, route: Route, report: Report)
 
 
 def _spawn_vehicles(
-    world: carla.World, own: Actors, scene: CarlaScene, route: Route, report: Report
+    world: carla.World, actors: Actors, scene: CarlaScene, route: Route, report: Report
 ) -> list[carla.Actor]:
-    """The ego first, then others of all models at random starts, `scene.density` in all."""
+    """Spawn the ego, then others of all models at random starts, `scene.density` in all."""
     library = world.get_blueprint_library()
     models = sorted(library.filter("vehicle.*"), key=lambda model: model.id)
     ego_model = next((model for model in models if model.id == scene.ego), None)
@@ -69,7 +70,7 @@ def _spawn_vehicles(
         raise InputError(key="ego", expected="a blueprint of the CARLA server", found=scene.ego)
     points = list(world.get_map().get_spawn_points())
     start = starts([(p.location.x, p.location.y) for p in points], route.start + 1, scene, route)
-    ego = own.spawn(ego_model, points.pop(start))
+    ego = actors.spawn(ego_model, points.pop(start))
     if ego is None:
         raise RuntimeError(f"{route.town}: the ego found no room at its start in an empty town")
     vehicles = [ego]
@@ -79,11 +80,11 @@ def _spawn_vehicles(
         if len(vehicles) == scene.density:
             break
         model = models[rng.integers(len(models))]
-        vehicle = own.spawn(model, points[p])
+        vehicle = actors.spawn(model, points[p])
         if vehicle is not None and _has_box(vehicle):
             vehicles.append(vehicle)
         elif vehicle is not None:
-            own.remove(vehicle)
+            actors.remove(vehicle)
             models.remove(model)
             boxless.add(model.id)
     if boxless:
@@ -97,9 +98,10 @@ def _spawn_vehicles(
 def starts(
     points: Sequence[tuple[float, float]], count: int, scene: CarlaScene, route: Route
 ) -> int:
-    """Index of the `count`-th start of a town. Raises ValueError: the town has fewer. The first is
-    drawn by the scene's seed, each next one lies farthest from those before it, so that the routes
-    cover the town."""
+    """Choose the index of the `count`-th start of a town.
+
+    Raises ValueError: the town has fewer. The first is drawn by the scene's seed, each next one
+    lies farthest from those before it, so that the routes cover the town."""
     if len(points) < count:
         expected = f"{count} starts, one for each route"
         raise InputError(place=route.town, expected=expected, found=len(points))
@@ -120,9 +122,9 @@ def _has_box(actor: carla.Actor) -> bool:
 
 
 def _spawn_walkers(
-    world: carla.World, own: Actors, scene: CarlaScene, route: Route, report: Report
+    world: carla.World, actors: Actors, scene: CarlaScene, route: Route, report: Report
 ) -> list[carla.Actor]:
-    """Pedestrians at random places of the sidewalks, each on its way to another."""
+    """Spawn pedestrians at random places of the sidewalks, each on its way to another."""
     import carla
 
     library = world.get_blueprint_library()
@@ -134,7 +136,7 @@ def _spawn_walkers(
             break
         if (place := world.get_random_location_from_navigation()) is None:
             continue
-        walker = own.spawn(models[rng.integers(len(models))], carla.Transform(place))
+        walker = actors.spawn(models[rng.integers(len(models))], carla.Transform(place))
         if walker is not None:
             walkers.append(walker)
     if len(walkers) < scene.pedestrians:
@@ -143,7 +145,7 @@ def _spawn_walkers(
             f"{route.town}"
         )
     mind_model = library.find("controller.ai.walker")
-    minds = [own.spawn(mind_model, carla.Transform(), walker) for walker in walkers]
+    minds = [actors.spawn(mind_model, carla.Transform(), walker) for walker in walkers]
     world.tick(scene.timeout_s)  # a controller can be used one step after it was made
     for mind in minds:
         goal = world.get_random_location_from_navigation()
@@ -200,7 +202,8 @@ def _describe(everybody: Sequence[carla.Actor], scene: CarlaScene) -> pd.DataFra
 def object_class(
     blueprint: str, wheels: int, size: tuple[float, float, float], overrides: Mapping[str, str]
 ) -> str:
-    """Class of an object: "Car", "Cyclist" (the paper's Van and Cyclist), "Pedestrian", or any.
+    """Return the class: "Car", "Cyclist" (the paper's Van and Cyclist), "Pedestrian", or any.
+
     `overrides` by blueprint come first, then `CLASS_OF`. What neither names is Pedestrian if it
     walks, Cyclist on two wheels or over `BOX_TRUCK_M` in all three dimensions, Car otherwise."""
     if named := overrides.get(blueprint) or CLASS_OF.get(blueprint):

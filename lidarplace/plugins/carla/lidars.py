@@ -29,7 +29,7 @@ Points = NDArray[np.float32]
 
 
 def mount_transform(mount: Mount, origin: tuple[float, float]) -> carla.Transform:
-    """CARLA's pose of a mount on an actor whose ego frame starts at `origin`, x and y, there."""
+    """Return CARLA's pose of a mount on an actor whose ego frame starts at `origin`, x and y."""
     import carla
 
     x, y, z, roll, pitch, yaw = from_carla(*astuple(mount))
@@ -40,20 +40,21 @@ def mount_transform(mount: Mount, origin: tuple[float, float]) -> carla.Transfor
 
 
 class Rig:
-    """The sensors of a `Placement` on an actor, which live in the server."""
+    """Sensors of a `Placement` on an actor, which live in the server."""
 
     def __init__(
         self,
-        own: Actors,
+        actors: Actors,
         library: carla.BlueprintLibrary,
         ego: carla.Actor,
         placement: Placement,
         crop: Crop,
         seed: int,
     ) -> None:
-        """Mount the sensors; they take part from the next step on. Points outside of `crop`, in the
-        ego frame, are left out; `seed` decides which returns are dropped. Raises RuntimeError: the
-        server cannot make one of them."""
+        """Mount the sensors; they take part from the next step on.
+
+        Points outside of `crop`, in the ego frame, are left out; `seed` decides which returns are
+        dropped. Raises RuntimeError: the server cannot make one of them."""
         self._placement, self._crop = placement, crop
         extent = ego.bounding_box.extent
         self._body = (2 * extent.x, 2 * extent.y, 2 * extent.z)
@@ -67,15 +68,17 @@ class Rig:
                 for name, value in attributes(lidar, fan, seed + number).items():
                     if name != "noise_seed" or blueprint.has_attribute(name):
                         blueprint.set_attribute(name, value)
-                sensor = own.spawn(blueprint, mount_transform(mount, (centre.x, centre.y)), ego)
+                sensor = actors.spawn(blueprint, mount_transform(mount, (centre.x, centre.y)), ego)
                 if sensor is None:
                     raise RuntimeError(f"placement {placement.name}: no room for LiDAR {m}")
                 self._mount_of.append(m)
                 sensor.listen(partial(_deliver, self._arrived, number))
 
     def clouds(self, step: int, timeout_s: float) -> list[Points]:
-        """The returns of every LiDAR in CARLA's frame `step`, in the ego frame. Waits until all
-        sensors have delivered, or raises TimeoutError; data of earlier frames are dropped."""
+        """Collect the returns of every LiDAR in CARLA's frame `step`, in the ego frame.
+
+        Waits until all sensors have delivered, or raises TimeoutError; data of earlier frames are
+        dropped."""
         returns: dict[int, Points] = {}
         while len(returns) < len(self._mount_of):
             try:
@@ -97,7 +100,7 @@ class Rig:
 
 
 def _deliver(arrived: queue.SimpleQueue[tuple[int, int, Points]], number: int, data: Any) -> None:
-    """Called by CARLA's own thread. The data are copied: their memory is CARLA's."""
+    """Deliver data from CARLA's own thread, copied, as their memory is CARLA's."""
     points = np.frombuffer(data.raw_data, np.float32).reshape(-1, 4).copy()
     arrived.put((data.frame, number, points))
 
@@ -105,9 +108,11 @@ def _deliver(arrived: queue.SimpleQueue[tuple[int, int, Points]], number: int, d
 def ego_points(
     returns: Points, mount: Mount, lidar: Lidar, crop: Crop, body: tuple[float, float, float]
 ) -> Points:
-    """Points in the ego frame, without those out of sight, out of `crop` and on the own body. CARLA
-    fired the full turn: the field of view of `lidar` counts. `returns` are x, y, z, intensity in
-    the sensor's left-handed frame, shape (n, 4); `body` is the ego's length, width and height."""
+    """Convert returns to the ego frame, without those out of sight or crop, and on the own body.
+
+    CARLA fired the full turn: the field of view of `lidar` counts. `returns` are x, y, z, intensity
+    in the sensor's left-handed frame, shape (n, 4); `body` is the ego's length, width and height.
+    """
     x, y, z = returns[:, :3].astype(np.float64).T * [[1.0], [-1.0], [1.0]]
     low, high = lidar.azimuth
     seen = lidar.full_turn | ((np.arctan2(y, x) - (low - HAIR)) % (2 * math.pi) < high - low)
@@ -116,6 +121,6 @@ def ego_points(
     low_ends, high_ends = np.reshape(crop, (2, 3, 1))
     seen &= ((low_ends <= place) & (place <= high_ends)).all(axis=0)
     half = np.array(body)[:, None] / 2
-    middle = half * [[0.0], [0.0], [1.0]]
-    seen &= ~(np.abs(place - middle) <= half + BODY_MARGIN_M).all(axis=0)
+    centre = half * [[0.0], [0.0], [1.0]]
+    seen &= ~(np.abs(place - centre) <= half + BODY_MARGIN_M).all(axis=0)
     return np.asarray(np.column_stack([place.T, returns[:, 3]])[seen], np.float32)

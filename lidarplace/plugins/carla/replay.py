@@ -1,4 +1,5 @@
-"""Show a recorded route to a placement: everybody is put where they were, and the LiDARs fire.
+"""Replay of a recorded route: everybody is put where they were, and a placement's LiDARs fire.
+
 Through what CARLA's own recorder replays, LiDARs look in several releases."""
 
 from __future__ import annotations
@@ -29,15 +30,17 @@ APART_M, ABOVE_M = 25.0, 300.0  # distance of actors, and height, while they wai
 def replay(
     client: carla.Client, scene: CarlaScene, route: Route, traffic: Traffic, placement: Placement
 ) -> PointClouds:
-    """The clouds of one placement in all frames of a recorded route. Raises TimeoutError: a LiDAR
-    did not deliver; RuntimeError: the server failed, or somebody is not where it was put."""
+    """Simulate the clouds of one placement in all frames of a recorded route.
+
+    Raises TimeoutError: a LiDAR did not deliver; RuntimeError: the server failed, or somebody is
+    not where it was put."""
     import carla
 
     world = load_town(client, route.town)
-    with synchronous(world), closing(Actors(client, world)) as own:
-        everybody = _spawn(world, own, traffic)
+    with synchronous(world), closing(Actors(client, world)) as actors:
+        everybody = _spawn(world, actors, traffic)
         library = world.get_blueprint_library()
-        rig = Rig(own, library, everybody[EGO], placement, scene.crop, route.seed)
+        rig = Rig(actors, library, everybody[EGO], placement, scene.crop, route.seed)
 
         def fired(poses: Poses, frame: int | None) -> list[Points]:
             """Put everybody in place, step, and wait for the LiDARs."""
@@ -56,12 +59,12 @@ def replay(
         return PointClouds.from_frames(traffic.frames["frame"], clouds, scene.crop)
 
 
-def _spawn(world: carla.World, own: Actors, traffic: Traffic) -> list[carla.Actor]:
-    """The recorded actors, side by side above the town, without physics: they only go where put."""
+def _spawn(world: carla.World, actors: Actors, traffic: Traffic) -> list[carla.Actor]:
+    """Spawn the recorded actors, side by side above the town, without physics."""
     library, places = world.get_blueprint_library(), _waiting_places(traffic)
     everybody = []
     for number, name in zip(traffic.actors["actor"], traffic.actors["blueprint"], strict=True):
-        actor = own.spawn(library.find(name), places[number])
+        actor = actors.spawn(library.find(name), places[number])
         if actor is None:
             raise RuntimeError(f"the server cannot make {name} again")
         actor.set_simulate_physics(False)
@@ -81,7 +84,7 @@ def _waiting_places(traffic: Traffic) -> Poses:
 
 
 def _by_frame(traffic: Traffic) -> Iterator[tuple[int, Poses]]:
-    """Frame number and the pose of everybody; who was not there waits above the town."""
+    """Yield frame number and the pose of everybody; who was not there waits above the town."""
     import carla
 
     by_frame = traffic.poses.groupby("frame")

@@ -19,7 +19,7 @@ _PARKED = ("Vehicles", "Car", "Truck", "Bus", "Motorcycle", "Bicycle")
 
 
 def connect(scene: CarlaScene) -> carla.Client:
-    """A client of the scene's server. Raises ImportError, and as `check_versions`."""
+    """Connect a client to the scene's server; raise ImportError, and as `check_versions`."""
     try:
         import carla
     except ImportError as error:
@@ -52,20 +52,22 @@ def check_versions(client: carla.Client, scene: CarlaScene) -> None:
 
 
 def _release(version: str) -> str:
-    """The first three numbers: builds such as 0.9.15-dirty or 0.9.10.1 speak as 0.9.15, 0.9.10."""
-    found = re.match(r"\d+\.\d+\.\d+", version)
-    return found.group() if found else version
+    """Return the first three numbers: builds such as 0.9.15-dirty or 0.9.10.1 speak as these."""
+    release = re.match(r"\d+\.\d+\.\d+", version)
+    return release.group() if release else version
 
 
 def load_town(client: carla.Client, town: str) -> carla.World:
     """Load a map anew and take its parked cars away: they are no actors, so they have no boxes.
+
     Servers before 0.9.11 cannot take them away. Raises ValueError: the server has no such map."""
     import carla
 
     maps = sorted(path.rsplit("/", 1)[-1] for path in client.get_available_maps())
     if town not in maps:
-        known, fix = ", ".join(maps), "further towns are in CARLA's package AdditionalMaps"
-        raise InputError(place="CARLA server", key="map", expected=known, found=town, fix=fix)
+        fix = "further towns are in CARLA's package AdditionalMaps"
+        names = ", ".join(maps)
+        raise InputError(place="CARLA server", key="map", expected=names, found=town, fix=fix)
     world = client.load_world(town)
     if hasattr(world, "enable_environment_objects"):
         kinds = carla.CityObjectLabel
@@ -77,7 +79,7 @@ def load_town(client: carla.Client, town: str) -> carla.World:
 
 @contextmanager
 def synchronous(world: carla.World) -> Iterator[None]:
-    """The world waits for `tick`, each one step of 20 Hz; the settings before come back."""
+    """Let the world wait for `tick`, each one step of 20 Hz; restore the settings at the end."""
     before, stepped = world.get_settings(), world.get_settings()
     stepped.synchronous_mode = True
     stepped.fixed_delta_seconds = STEP_S
@@ -90,7 +92,7 @@ def synchronous(world: carla.World) -> Iterator[None]:
 
 
 class Actors:
-    """The actors that this program has put into the world, so that it can take them out."""
+    """Actors that this program has put into the world, so that it can take them out."""
 
     def __init__(self, client: carla.Client, world: carla.World) -> None:
         self._client, self._world = client, world
@@ -102,7 +104,7 @@ class Actors:
         transform: carla.Transform,
         parent: carla.Actor | None = None,
     ) -> carla.Actor | None:
-        """A new actor, or None where there is no room for it."""
+        """Spawn an actor; return None where there is no room for it."""
         actor = self._world.try_spawn_actor(blueprint, transform, attach_to=parent)
         if actor is not None:
             self._own.append(actor)

@@ -89,7 +89,7 @@ class CarlaScene(RouteSettings):
         return crop
 
     def plan(self) -> tuple[Route, ...]:
-        """The routes of the scene, training first; each can be recorded on its own."""
+        """List the routes of the scene, training first; each can be recorded on its own."""
         tests = self.towns if self.test_towns is None else self.test_towns
         places: list[tuple[Part, str]] = [
             *(("train", town) for town in self.towns for _ in range(self.routes)),

@@ -1,5 +1,7 @@
-"""Recorded traffic of one route, and the box log that it gives. Poses are kept as CARLA gives them,
-left-handed, metres and degrees, so that a replay can put everybody back exactly."""
+"""Recorded traffic of one route, and the box log that it gives.
+
+Poses are kept as CARLA gives them, left-handed, metres and degrees, so that a replay can put
+everybody back exactly."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,7 +25,7 @@ POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 class Traffic(NamedTuple):
-    """What happened on a route."""
+    """Recorded traffic of a route."""
 
     actors: pd.DataFrame  # one row an actor: actor (its number), blueprint, class and `BOX`
     poses: pd.DataFrame  # one row an actor and frame: frame, actor and `POSE` in CARLA's world
@@ -41,9 +43,10 @@ class Traffic(NamedTuple):
 
 
 def box_log(traffic: Traffic) -> BoxLog:
-    """Boxes within `KEEP_M` of the ego, in its frame; the ego itself is not among them. The ego
-    frame leans with the vehicle: on a slope the road stays level in it. A box has a yaw only, that
-    of its length; what it leans against the ego is left out."""
+    """Log the boxes within `KEEP_M` of the ego, in its frame; the ego itself is not among them.
+
+    The ego frame leans with the vehicle: on a slope the road stays level in it. A box has a yaw
+    only, that of its length; what it leans against the ego is left out."""
     where = traffic.poses.merge(traffic.actors, on="actor").merge(
         traffic.frames[["scene", "frame", "timestamp_s", "route"]], on="frame"
     )
@@ -51,8 +54,8 @@ def box_log(traffic: Traffic) -> BoxLog:
     of_box = np.zeros((len(where), len(POSE)))
     of_box[:, [0, 1, 2, 5]] = where[list(BOX[:4])]
     box = _poses(of_box)
-    own = (where["actor"] == EGO).to_numpy()
-    rows = pd.Series(np.flatnonzero(own), index=where.loc[own, "frame"])
+    is_ego = (where["actor"] == EGO).to_numpy()
+    rows = pd.Series(np.flatnonzero(is_ego), index=where.loc[is_ego, "frame"])
     # CARLA's origin is on the ground, but not quite under the middle of the vehicle.
     ego = actor.moved(box.position * [1, 1, 0])[rows.loc[where["frame"]].to_numpy()]
     local = box.posed_by(actor).seen_from(ego)
@@ -61,15 +64,15 @@ def box_log(traffic: Traffic) -> BoxLog:
         **dict(zip("xyz", local.position.T, strict=True)),
         yaw=local.yaw,
     )
-    near = ~own & (np.hypot(*local.position[:, :2].T) <= KEEP_M)
-    poses = where[["frame"]].assign(**ego.ego_columns())[own]
+    near = ~is_ego & (np.hypot(*local.position[:, :2].T) <= KEEP_M)
+    poses = where[["frame"]].assign(**ego.ego_columns())[is_ego]
     frames = traffic.frames.merge(poses[["frame", *POSE_COLUMNS]], on="frame")
     boxes = boxes.loc[near, list(BOX_COLUMNS)].sort_values(["frame", "object_id"])
     return BoxLog(boxes.astype(dict.fromkeys(GEOMETRY, float)).reset_index(drop=True), frames)
 
 
 def _poses(carla: NDArray[np.float64]) -> Poses:
-    """Poses in a right-handed world from rows of `POSE`, left-handed, metres and degrees."""
+    """Convert rows of `POSE`, left-handed, metres and degrees, to a right-handed world."""
     convert: Any = from_carla  # written for numbers, but its arithmetic is elementwise
     x, y, z, roll, pitch, yaw = convert(*carla[:, :3].T, *np.radians(carla[:, 3:].T))
     turned = Rotation.from_euler("ZYX", np.stack([yaw, pitch, roll], axis=1))

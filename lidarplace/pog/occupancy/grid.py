@@ -19,7 +19,7 @@ from lidarplace.base.plotting import Plottable
 from lidarplace.base.roi import Roi
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.boxes import CLASSES, GEOMETRY, check_boxes, frame_ids
-from lidarplace.logs.plausible import implausible
+from lidarplace.logs.plausibility import implausible_boxes
 from lidarplace.pog.occupancy.box_counts import count_boxes
 from lidarplace.pog.occupancy.entropy import entropy_of_counts
 from lidarplace.pog.occupancy.levels import Levels
@@ -72,8 +72,8 @@ class OccupancyGrid(Plottable):
         millimetres. Raises ValueError: a column is missing, a value is not finite, the boxes come
         from more than `frames` frames, or nothing knows the class."""
         grids = cls.by_class(boxes, roi, (object_class,), frames)
-        for told in implausible(boxes):
-            warnings.warn(told, stacklevel=2)
+        for problem in implausible_boxes(boxes):
+            warnings.warn(problem, stacklevel=2)
         return grids[object_class]
 
     @classmethod

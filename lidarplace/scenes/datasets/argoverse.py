@@ -47,7 +47,7 @@ def read_argoverse(
     lidar: Lidar | None = None,
     keep_ignored: bool = False,
 ) -> BoxLog:
-    """The logs under `folder/<split>/<log>` as one box log.
+    """Read the logs under `folder/<split>/<log>` as one box log.
 
     A frame is a LiDAR sweep: the time of an annotation, or of a file
     `sensors/lidar/<timestamp_ns>.feather`, of which only the name is read. A sweep without a box is
@@ -59,8 +59,10 @@ def read_argoverse(
     Args:
         folder: the data set.
         splits: of `SPLITS`; empty: `train` and `val`, or the one that is there.
-        class_map, ignored, keep_ignored: as for `read_nuscenes`, of `class_maps.ARGOVERSE`.
+        class_map: entries that differ from `class_maps.ARGOVERSE`.
+        ignored: gets the number of boxes left out by category.
         lidar: model of both LiDARs; None: VLP-32C.
+        keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
 
     Raises ValueError if a file is missing or wrong, a time has no pose, or a category is unknown.
     """
@@ -72,7 +74,6 @@ def read_argoverse(
 def _log(
     path: Path, start: int, class_map: ClassMap, ignored: Counter[str] | None, lidar: Lidar | None
 ) -> Drive:
-    """One log; its frames have numbers from `start`."""
     source = path / "annotations.feather"
     table = read_feather(
         source,
@@ -113,7 +114,6 @@ def _log(
 
 
 def _rig(path: Path, lidar: Lidar) -> RecordedRig:
-    """Where the two LiDARs are on the vehicle, both of one model."""
     table = read_feather(path, ("sensor_name", *QUATERNION, *TRANSLATION))
     names = texts(table, "sensor_name", str(path)).tolist()
     for name in LIDARS:
@@ -128,12 +128,13 @@ def _rig(path: Path, lidar: Lidar) -> RecordedRig:
 def _transforms(
     table: pd.DataFrame, source: object
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions, (rows, 3), and quaternions, (rows, 4)."""
+    """Return positions, (rows, 3), and quaternions, (rows, 4)."""
     return numbers(table, TRANSLATION, str(source)), numbers(table, QUATERNION, str(source))
 
 
 def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
-    """Columns of `GEOMETRY` from `SIZE`, `QUATERNION` and `TRANSLATION` of a table of Argoverse.
+    """Return columns of `GEOMETRY` from `SIZE`, `QUATERNION` and `TRANSLATION` of a table.
+
     Raises ValueError that names file, row and value."""
     size = sizes(table, SIZE, source)
     pose = poses(*_transforms(table, source), rows_of(source))
@@ -141,7 +142,7 @@ def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
 
 
 def _sweeps(folder: Path) -> NDArray[np.int64]:
-    """Times of the sweeps that are there, in nanoseconds."""
+    """Return the times of the sweeps that have a file, in nanoseconds."""
     for path in (paths := sorted(folder.glob("[!.]*.feather"))):
         if not path.stem.isdecimal() or int(path.stem) >= 2**63:
             raise InputError(place=path, expected="a name that is the time in nanoseconds")
@@ -149,7 +150,7 @@ def _sweeps(folder: Path) -> NDArray[np.int64]:
 
 
 def _vehicle(path: Path, time_ns: NDArray[np.int64]) -> Poses:
-    """Pose of the vehicle in the city at these times, in Argoverse's own ego frame."""
+    """Return the pose of the vehicle in the city at these times, in Argoverse's own ego frame."""
     table = read_feather(path, ("timestamp_ns", *QUATERNION, *TRANSLATION))
     table = table.drop_duplicates("timestamp_ns")
     position, quaternion = _transforms(table, path)

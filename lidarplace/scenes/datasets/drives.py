@@ -19,44 +19,47 @@ Drive = tuple[pd.DataFrame, pd.DataFrame, RecordedRig | None]
 
 
 def drives_in(
-    folder: Path, splits: Sequence[str], known: Mapping[str, str], pattern: str, each: str
+    folder: Path, splits: Sequence[str], split_of: Mapping[str, str], pattern: str, each: str
 ) -> list[tuple[Path, str]]:
-    """Paths of drives in `folder/<split>`, and the split of a box log that each is for. `known`
-    maps folders of the data set to these; without `splits` its first two are meant, or the one that
-    is there. `each` is what there must be for each drive. Raises ValueError if a split is unknown,
-    or a folder has no path of the pattern."""
-    if unknown := [split for split in splits if split not in known]:
-        raise InputError(place="--split", expected=", ".join(known), found=repr(unknown[0]))
-    usual, drives = [*known][:2], []
+    """List the drives in `folder/<split>`, and the split of a box log that each is for.
+
+    `split_of` maps folders of the data set to these; without `splits` its first two are meant, or
+    the one that is there. `each` is what there must be for each drive. Raises ValueError if a split
+    is unknown, or a folder has no path of the pattern."""
+    if unknown := [split for split in splits if split not in split_of]:
+        raise InputError(place="--split", expected=", ".join(split_of), found=repr(unknown[0]))
+    usual, drives = [*split_of][:2], []
     for split in splits or [name for name in usual if (folder / name).is_dir()]:
         paths = sorted((folder / split).glob(pattern))
         if not paths:
             raise InputError(place=(folder / split / pattern).parent, expected=each)
-        drives += [(path, known[split]) for path in paths]
+        drives += [(path, split_of[split]) for path in paths]
     if not drives:
         raise InputError(place=folder, expected=f"a folder {' or '.join(usual)}")
     return drives
 
 
 def join_drives(drives: Sequence[tuple[Path, str]], read: Callable[[Path, int], Drive]) -> BoxLog:
-    """The box log of drives; `read` has a path, and the number of the first frame."""
+    """Join drives as a box log; `read` has a path, and the number of the first frame."""
     boxes: list[pd.DataFrame] = []
     frames: list[pd.DataFrame] = []
     rigs: dict[str, RecordedRig] = {}
     for route, (path, split) in enumerate(drives):
-        own_boxes, own_frames, rig = read(path, sum(map(len, frames)))
-        boxes.append(own_boxes)
-        frames.append(own_frames.assign(route=route, split=split))
-        if rig is not None and len(own_frames):
-            rigs[own_frames["scene"].iloc[0]] = rig
-    every = classified(pd.concat(boxes, ignore_index=True))
-    return BoxLog(every, pd.concat(frames, ignore_index=True), rigs=rigs)
+        boxes_of_drive, frames_of_drive, rig = read(path, sum(map(len, frames)))
+        boxes.append(boxes_of_drive)
+        frames.append(frames_of_drive.assign(route=route, split=split))
+        if rig is not None and len(frames_of_drive):
+            rigs[frames_of_drive["scene"].iloc[0]] = rig
+    all_boxes = classified(pd.concat(boxes, ignore_index=True))
+    return BoxLog(all_boxes, pd.concat(frames, ignore_index=True), rigs=rigs)
 
 
 def recorded_rig(
     name: str, names: Sequence[str], sensors: Poses, lidars: Sequence[Lidar]
 ) -> RecordedRig:
-    """A rig of sensors posed in our ego frame, `names`, `sensors` and `lidars` in one order."""
+    """Build a rig of sensors posed in our ego frame.
+
+    `names`, `sensors` and `lidars` are in one order."""
     matrices = sensors.rotation.as_matrix().reshape(-1, 3, 3)
     mounts = [
         Mount(x, y, z, *angles(matrix))

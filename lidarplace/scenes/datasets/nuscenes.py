@@ -18,7 +18,7 @@ from lidarplace.logs.boxes import CLOUD, POINTS, SOURCE, first, geometry_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.datasets.class_maps import NUSCENES, ClassMap, classified, classify, merged
 from lidarplace.scenes.datasets.drives import recorded_rig
-from lidarplace.scenes.datasets.nuscenes_tables import Table, read_table
+from lidarplace.scenes.datasets.nuscenes_tables import TokenTable, read_table
 from lidarplace.scenes.datasets.se3 import Poses, poses
 
 ORIGIN = (2.588 / 2, 0.0, 0.0)
@@ -41,7 +41,7 @@ def read_nuscenes(
     lidar: Lidar | None = None,
     keep_ignored: bool = False,
 ) -> BoxLog:
-    """The annotated samples (key frames) of nuScenes as a box log.
+    """Read the annotated samples (key frames) of nuScenes as a box log.
 
     Frames count through the log, scene by scene in the order of their names; `route` numbers the
     scenes. Pitch and roll of boxes and of the road are lost. Boxes have `num_lidar_pts` as
@@ -93,34 +93,38 @@ def read_nuscenes(
     return BoxLog(classified(boxes), frames, rigs=rigs)
 
 
-def in_ego(box: Table, ego: Poses) -> dict[str, NDArray[np.float64]]:
-    """Columns of `GEOMETRY` from `translation`, `size` and `rotation` of boxes in the world. `ego`
-    is our ego frame of every row. Raises ValueError that names file, row and value."""
+def in_ego(box: TokenTable, ego: Poses) -> dict[str, NDArray[np.float64]]:
+    """Return columns of `GEOMETRY` from `translation`, `size` and `rotation` of boxes in the world.
+
+    `ego` is our ego frame of every row. Raises ValueError that names file, row and value."""
     size = box.numbers("size", 3)
     if (row := first((size < 0).any(axis=1))) is not None:
-        found = size[row].tolist()
-        raise InputError(place=box.row(row), key="size", expected="at least 0", found=found)
+        value = size[row].tolist()
+        raise InputError(place=box.row(row), key="size", expected="at least 0", found=value)
     pose = poses(box.numbers("translation", 3), box.numbers("rotation", 4), box.row).seen_from(ego)
     return geometry_of(pose.position, size[:, [1, 0, 2]], pose.yaw)
 
 
 def _tables(folder: Path, version: str | None) -> Path:
-    """The folder of the tables."""
     folder = folder / (version or "")
     if (folder / "scene.json").exists():
         return folder
-    found = sorted(path.parent for path in folder.glob("v1.0-*/scene.json"))
-    if len(found) != 1:
-        versions, fix = ", ".join(path.name for path in found), "name a version" if found else ""
+    folders = sorted(path.parent for path in folder.glob("v1.0-*/scene.json"))
+    if len(folders) != 1:
+        versions, fix = ", ".join(path.name for path in folders), "name a version" * bool(folders)
         expected = "scene.json or one folder v1.0-*"
         raise InputError(place=folder, expected=expected, found=versions or "none", fix=fix)
-    return found[0]
+    return folders[0]
 
 
 def _frames(
-    folder: Path, scene: Table, sample: Table, sweep: Table, test_scenes: Sequence[str] | float
+    folder: Path,
+    scene: TokenTable,
+    sample: TokenTable,
+    sweep: TokenTable,
+    test_scenes: Sequence[str] | float,
 ) -> tuple[pd.DataFrame, NDArray[np.int64], Poses]:
-    """The table of frames, the frame of every sample, and our ego pose by frame."""
+    """Return the table of frames, the frame of every sample, and our ego pose by frame."""
     names = np.array(scene.columns["name"], dtype=object)
     order = np.argsort(names, kind="stable")
     route_of = np.argsort(order)[sample.rows_in(scene, "scene_token")]
@@ -146,9 +150,9 @@ def _frames(
 
 
 def _test(
-    scene: Table, order: NDArray[np.int64], test_scenes: Sequence[str] | float
+    scene: TokenTable, order: NDArray[np.int64], test_scenes: Sequence[str] | float
 ) -> NDArray[np.bool_]:
-    """Whether each row of `scene` is test; a share takes recordings at even distances."""
+    """Return whether each row of `scene` is test; a share takes recordings at even distances."""
     names, logs = scene.columns["name"], scene.columns["log_token"]
     if not isinstance(test_scenes, float | int):
         if unknown := [name for name in test_scenes if name not in names]:
@@ -162,8 +166,8 @@ def _test(
     return np.array([log in test for log in logs], bool)
 
 
-def _sweeps(folder: Path, sample: Table) -> Table:
-    """The rows of `sample_data` that are the key frames of `LIDAR`, by row of `sample`."""
+def _sweeps(folder: Path, sample: TokenTable) -> TokenTable:
+    """Return the rows of `sample_data` that are the key frames of `LIDAR`, by row of `sample`."""
     sensor = read_table(folder / "sensor.json", ("channel",))
     calibrated = read_table(folder / "calibrated_sensor.json", ("sensor_token",))
     tokens = ("sample_token", "ego_pose_token", "calibrated_sensor_token")
@@ -182,16 +186,15 @@ def _sweeps(folder: Path, sample: Table) -> Table:
 
 
 def _poses(
-    folder: Path, name: str, sweep: Table, origin: Sequence[float] = (0.0, 0.0, 0.0)
+    folder: Path, name: str, sweep: TokenTable, origin: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> Poses:
-    """Poses in the table `name`, less `origin`, by row of `sweep`."""
+    """Return poses in the table `name`, less `origin`, by row of `sweep`."""
     pose = read_table(folder / f"{name}.json", ("translation", "rotation"))
     pose = pose.take(sweep.rows_in(pose, f"{name}_token"))
     return poses(pose.numbers("translation", 3) - origin, pose.numbers("rotation", 4), pose.row)
 
 
-def _categories(folder: Path, box: Table) -> pd.Series:
-    """The category of every row of `box`."""
+def _categories(folder: Path, box: TokenTable) -> pd.Series:
     instance = read_table(folder / "instance.json", ("category_token",))
     category = read_table(folder / "category.json", ("name",))
     of_instance = instance.rows_in(category, "category_token")

@@ -31,13 +31,14 @@ def read_openlabel(
     class_map: ClassMap | None = None,
     ignored: Counter[str] | None = None,
 ) -> BoxLog:
-    """The cuboids of a file, or of all `.json` files of a folder, as one box log.
+    """Read the cuboids of a file, or of all `.json` files of a folder, as one box log.
 
     A file is a scene and a route, called by its name; its frames are those that it lists. An object
     without a cuboid in a frame has none there; one whose cuboid is given once is in all its frames.
     Where transforms lead from the vehicle to the root of its coordinate systems, frames have poses.
 
     Args:
+        source: the file, or the folder of files.
         origin: where the file's vehicle frame starts in our ego frame, x, y, z in metres.
         vehicle: name of the vehicle's coordinate system; None: the one of type `local_cs`.
         seconds: what the unit of a time stamp that is a number lasts. Others are dates of ISO 8601.
@@ -58,10 +59,10 @@ def read_openlabel(
     def read(path: Path, start: int) -> Drive:
         content = read_record(path, OpenLabel, "OpenLABEL file").openlabel
         with at(path):
-            own = _vehicle(content, vehicle)
-            frames = _frames(content, own, origin, seconds).assign(scene=path.stem)
+            system = _vehicle(content, vehicle)
+            frames = _frames(content, system, origin, seconds).assign(scene=path.stem)
             frames["frame"] += start
-            boxes = _boxes(content, own)
+            boxes = _boxes(content, system)
             boxes[list("xyz")] += np.asarray(origin)
             row = boxes["row"].to_numpy(np.int64)
             for name in ("scene", "frame", "timestamp_s"):
@@ -78,7 +79,7 @@ def read_openlabel(
 def _frames(
     content: Content, vehicle: str, origin: Sequence[float], seconds: float
 ) -> pd.DataFrame:
-    """Frames of a drive, numbered from 0, and where our ego frame was; NaN where not known."""
+    """Number frames of a drive from 0, and place our ego frame in them; NaN where not known."""
     root, seen, systems = vehicle, {vehicle}, content.coordinate_systems
     while root in systems and (parent := systems[root].parent) and parent not in seen:
         root = parent
@@ -102,11 +103,11 @@ def _frames(
 
 
 def _vehicle(content: Content, name: str | None) -> str:
-    """The name of the vehicle's coordinate system."""
+    """Return the name of the vehicle's coordinate system."""
     systems = content.coordinate_systems
-    found = [each for each, system in systems.items() if system.type == VEHICLE]
-    if name is None and len(found) == 1:
-        return found[0]
+    vehicles = [each for each, system in systems.items() if system.type == VEHICLE]
+    if name is None and len(vehicles) == 1:
+        return vehicles[0]
     if name is None or name not in systems:
         listed = ", ".join(f"{each} ({system.type})" for each, system in systems.items())
         expected, fix = "the coordinate system of the vehicle", "name it by --vehicle"
@@ -115,7 +116,7 @@ def _vehicle(content: Content, name: str | None) -> str:
 
 
 def _time(stamp: str | float | None, seconds: float) -> float:
-    """A time stamp in seconds, NaN if there is none."""
+    """Convert a time stamp to seconds, NaN if there is none."""
     if stamp is None:
         return math.nan
     for unit, read in ((seconds, float), (1.0, lambda date: pd.Timestamp(date).timestamp())):
@@ -126,7 +127,7 @@ def _time(stamp: str | float | None, seconds: float) -> float:
 
 
 def _boxes(content: Content, vehicle: str) -> pd.DataFrame:
-    """Boxes of a drive: `row` of the frame, `object_id`, `type` and `GEOMETRY` in the vehicle."""
+    """List boxes of a drive: `row` of the frame, `object_id`, `type`, `GEOMETRY` in the vehicle."""
     rows = [
         (row, *box)
         for row, number in enumerate(sorted(content.frames))
@@ -139,7 +140,7 @@ def _boxes(content: Content, vehicle: str) -> pd.DataFrame:
 def _boxes_of_frame(
     content: Content, number: int, vehicle: str
 ) -> Iterator[tuple[str | float, ...]]:
-    """Object, type and geometry of every box of a frame, in the vehicle's system."""
+    """Return object, type and geometry of every box of a frame, in the vehicle's system."""
     frame = content.frames[number]
     systems = Systems(content, frame)
     to_vehicle: dict[str, Matrix] = {}
@@ -147,21 +148,21 @@ def _boxes_of_frame(
         where = f"frame {number}, object {uid}"
         if uid not in content.objects:
             raise InputError("not among the objects of the file", place=where)
-        known = content.objects[uid]
-        spans = [range(span.frame_start, span.frame_end + 1) for span in known.frame_intervals]
-        own = frame.objects[uid].object_data.cuboid if uid in frame.objects else []
-        if not own and (not spans or any(number in span for span in spans)):
-            own = known.object_data.cuboid
-        if not own:
+        labelled = content.objects[uid]
+        spans = [range(span.frame_start, span.frame_end + 1) for span in labelled.frame_intervals]
+        cuboids = frame.objects[uid].object_data.cuboid if uid in frame.objects else []
+        if not cuboids and (not spans or any(number in span for span in spans)):
+            cuboids = labelled.object_data.cuboid
+        if not cuboids:
             continue
-        if len(own) > 1:
-            raise InputError(place=where, expected="one cuboid", found=len(own))
-        system = own[0].coordinate_system or known.coordinate_system or vehicle
+        if len(cuboids) > 1:
+            raise InputError(place=where, expected="one cuboid", found=len(cuboids))
+        system = cuboids[0].coordinate_system or labelled.coordinate_system or vehicle
         if system not in to_vehicle:
             matrix = systems.between(system, vehicle)
             if matrix is None:
                 raise InputError(f"no transform leads from {system} to {vehicle}", place=where)
             to_vehicle[system] = matrix
-        pose = to_vehicle[system] @ own[0].pose()
+        pose = to_vehicle[system] @ cuboids[0].pose()
         yaw = float(np.arctan2(pose[1, 0], pose[0, 0]))
-        yield uid, known.type, *pose[:3, 3].tolist(), *own[0].val[-3:], yaw
+        yield uid, labelled.type, *pose[:3, 3].tolist(), *cuboids[0].val[-3:], yaw

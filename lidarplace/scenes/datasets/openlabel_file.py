@@ -1,4 +1,4 @@
-"""What an ASAM OpenLABEL 1.0.0 file holds, as far as cuboids go, and its coordinate systems."""
+"""Content of an ASAM OpenLABEL 1.0.0 file, as far as cuboids go, and its coordinate systems."""
 
 from typing import Annotated, Any, Self
 
@@ -37,7 +37,7 @@ class Transform(BaseModel):
         return self
 
     def matrix(self) -> Matrix:
-        """Shape (4, 4)."""
+        """Return the transform as a matrix, (4, 4)."""
         if self.matrix4x4 is not None:
             matrix = np.reshape(self.matrix4x4, (4, 4))
             return _rigid(rotations_of(matrix[:3, :3]), matrix[:3, 3])
@@ -59,7 +59,7 @@ class Cuboid(BaseModel):
     coordinate_system: str | None = None
 
     def pose(self) -> Matrix:
-        """Shape (4, 4)."""
+        """Return the pose as a matrix, (4, 4)."""
         turned = self.val[3:-3]
         if len(turned) == 4:
             return _rigid(rotations(turned), self.val[:3])
@@ -74,7 +74,7 @@ class Cuboid(BaseModel):
 
 
 class ObjectData(BaseModel):
-    """What is known of an object."""
+    """Cuboids of an object."""
 
     cuboid: list[Cuboid] = []
 
@@ -101,7 +101,7 @@ class LabelledObject(ObjectOfFrame):
 
 
 class FrameTransform(BaseModel):
-    """Between two coordinate systems, in one frame."""
+    """Transform between two coordinate systems, in one frame."""
 
     src: str
     dst: str
@@ -109,7 +109,7 @@ class FrameTransform(BaseModel):
 
 
 class FrameProperties(BaseModel):
-    """When a frame was, and where coordinate systems were."""
+    """Time of a frame, and transforms between coordinate systems in it."""
 
     timestamp: str | Number | None = None
     transforms: dict[str, FrameTransform] = {}
@@ -123,7 +123,7 @@ class Frame(BaseModel):
 
 
 class CoordinateSystem(BaseModel):
-    """Where it is in its parent may be given frame by frame as well."""
+    """Coordinate system; frames may give its pose in the parent, too."""
 
     type: str
     parent: str = ""
@@ -131,7 +131,7 @@ class CoordinateSystem(BaseModel):
 
 
 class Content(BaseModel):
-    """All under the key `openlabel`."""
+    """Content of the key `openlabel`."""
 
     coordinate_systems: dict[str, CoordinateSystem] = {}
     objects: dict[str, LabelledObject] = {}
@@ -139,14 +139,15 @@ class Content(BaseModel):
 
 
 class OpenLabel(BaseModel):
-    """The file."""
+    """An OpenLABEL file."""
 
     openlabel: Content
 
 
 class Systems:
-    """The coordinate systems of one frame, by the transforms that are known between them. Those of
-    a frame win over those that hold throughout."""
+    """The coordinate systems of one frame, by the transforms that are known between them.
+
+    Those of a frame win over those that hold throughout."""
 
     def __init__(self, content: Content, frame: Frame) -> None:
         self._known: dict[tuple[str, str], Matrix] = {}
@@ -161,14 +162,14 @@ class Systems:
         self._known[dst, src] = np.asarray(np.linalg.inv(matrix), np.float64)
 
     def between(self, src: str, dst: str) -> Matrix | None:
-        """The transform that fewest known ones make up; None if none do."""
-        found: dict[str, Matrix] = {src: np.eye(4)}
+        """Chain the fewest known transforms that lead from `src` to `dst`; None if none do."""
+        reached: dict[str, Matrix] = {src: np.eye(4)}
         last = [src]
-        while last and dst not in found:
+        while last and dst not in reached:
             new = []
             for (a, b), matrix in self._known.items():
-                if a in last and b not in found:
-                    found[b] = matrix @ found[a]
+                if a in last and b not in reached:
+                    reached[b] = matrix @ reached[a]
                     new.append(b)
             last = new
-        return found.get(dst)
+        return reached.get(dst)

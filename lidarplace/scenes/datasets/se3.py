@@ -21,7 +21,7 @@ class Poses:
 
     @classmethod
     def of_boxes(cls, boxes: pd.DataFrame) -> "Poses":
-        """Those of boxes: their `GEOMETRY`."""
+        """Return the poses of boxes, from their `GEOMETRY`."""
         turns = Rotation.from_euler("z", boxes[["yaw"]].to_numpy(np.float64))
         return cls(boxes[list("xyz")].to_numpy(np.float64), turns)
 
@@ -30,21 +30,23 @@ class Poses:
         return Poses(self.position[rows], Rotation.from_quat(self.rotation.as_quat()[rows]))
 
     def moved(self, offset: ArrayLike) -> "Poses":
-        """The same directions, origins at `offset`: metres in the posed frames, (3,) or (N, 3)."""
+        """Move the origins by `offset`: metres in the posed frames, (3,) or (N, 3)."""
         return Poses(self.position + self.rotation.apply(offset), self.rotation)
 
     def seen_from(self, frames: "Poses") -> "Poses":
-        """Pose n in the frame that `frames` poses n-th in the same outer frame."""
+        """Return pose n in the frame that `frames` poses n-th in the same outer frame."""
         back = frames.rotation.inv()
         return Poses(back.apply(self.position - frames.position), back * self.rotation)
 
     def posed_by(self, frames: "Poses") -> "Poses":
-        """Pose n of the frame that `frames` poses n-th, in its outer frame: undoes `seen_from`."""
+        """Return pose n of the frame that `frames` poses n-th, in its outer frame.
+
+        Undoes `seen_from`."""
         position = frames.position + frames.rotation.apply(self.position)
         return Poses(position, frames.rotation * self.rotation)
 
     def ego_columns(self) -> dict[str, NDArray[np.float64]]:
-        """`POSE_COLUMNS` and `FULL_POSE_COLUMNS` of a vehicle in the world; (N,) each."""
+        """Return `POSE_COLUMNS` and `FULL_POSE_COLUMNS` of a vehicle in the world; (N,) each."""
         matrix = self.rotation.as_matrix().reshape(-1, 3, 3)
         x, y, z = self.position.T
         level = np.hypot(matrix[:, 0, 0], matrix[:, 1, 0])
@@ -63,6 +65,7 @@ class Poses:
 def poses(
     position: NDArray[np.float64], quaternion: NDArray[np.float64], row: Callable[[int], str]
 ) -> Poses:
-    """Poses from positions, (N, 3), and quaternions w, x, y, z, (N, 4). Raises InputError for a
-    quaternion whose length is not 1; `row` names its row."""
+    """Build poses from positions, (N, 3), and quaternions w, x, y, z, (N, 4).
+
+    Raises InputError for a quaternion whose length is not 1; `row` names its row."""
     return Poses(position, rotations(quaternion[:, [1, 2, 3, 0]], row))

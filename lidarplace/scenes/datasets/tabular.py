@@ -29,13 +29,24 @@ from lidarplace.logs.boxes import (
     rows_of,
 )
 from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classified, classify, merged
-from lidarplace.scenes.datasets.other_reader import other_reader
 
 SUFFIXES = (".parquet", ".csv")
 TEXT = ("scene", "object_id", "class", "split", CLOUD)
 LOG, NO_BOXES = "log", "no boxes"
 """Scene of a frame where it is unknown, and of empty frames of which only the number is known."""
 OF_FRAMES = ("scene", "timestamp_s")  # what a frame has, and each of its boxes too
+_OTHER_LAYOUTS = {
+    "kitti": ("label_2", "training/label_2"),
+    "nuscenes": ("v1.0-*", "scene.json"),
+    "argoverse": ("train/*/annotations.feather", "val/*/annotations.feather"),
+    "waymo": ("training/lidar_box", "validation/lidar_box"),
+    "openlabel": ("*.json",),
+}
+"""Paths that only a folder for this reader has, the first reader first."""
+_OTHER_SUFFIXES = {
+    ".json": "`lidarplace convert openlabel` reads OpenLABEL, `convert nuscenes` nuScenes",
+    ".txt": "`lidarplace convert kitti` reads a folder of KITTI's labels; call a table .csv",
+}
 
 
 def read_tabular(
@@ -45,7 +56,7 @@ def read_tabular(
     class_map: ClassMap | None = None,
     ignored: Counter[str] | None = None,
 ) -> BoxLog:
-    """A table of boxes, and what there is about their frames, as a box log.
+    """Read a table of boxes, and what there is about their frames, as a box log.
 
     Boxes need `frame` (whole numbers), `class` and the columns of `GEOMETRY`; they may have
     `scene`, `timestamp_s` and `object_id` (else each box is an object of its own), and the real
@@ -71,11 +82,11 @@ def read_tabular(
     further: dict[str, Any] = {}
     if source.is_dir():
         further = {"buildings": read_buildings(source), "rigs": read_rigs(source)}
-        folder, source = source, _found(source, "boxes")
+        folder, source = source, _table_in(source, "boxes")
         if any(is_there(folder / f"frames{suffix}") for suffix in SUFFIXES):
             if frames is not None:
                 raise InputError("has a table of frames; another cannot be given", place=folder)
-            frames = _found(folder, "frames")
+            frames = _table_in(folder, "frames")
     boxes = _boxes(source)
     if frames is None:
         fix = "add a table of all frames or their number"
@@ -89,28 +100,39 @@ def read_tabular(
     return BoxLog(classified(boxes), table, **further)
 
 
-def _found(folder: Path, name: str) -> Path:
-    found = [path for suffix in SUFFIXES if is_there(path := folder / f"{name}{suffix}")]
-    if len(found) != 1:
-        wanted, both = " or ".join(f"{name}{suffix}" for suffix in SUFFIXES), "both"
-        fix = "" if found else other_reader(folder)
-        raise InputError(place=folder, expected=wanted, found=both if found else "neither", fix=fix)
-    return found[0]
+def _table_in(folder: Path, name: str) -> Path:
+    files = [path for suffix in SUFFIXES if is_there(path := folder / f"{name}{suffix}")]
+    if len(files) != 1:
+        expected = " or ".join(f"{name}{suffix}" for suffix in SUFFIXES)
+        number, fix = ("both", "") if files else ("neither", _other_reader(folder))
+        raise InputError(place=folder, expected=expected, found=number, fix=fix)
+    return files[0]
 
 
 def read_table(path: Path, texts: Iterable[str] = TEXT) -> pd.DataFrame:
-    """The table in a Parquet or a CSV file; `texts` are columns in which `007` stays text. Raises
-    ValueError if the file cannot be read, or has another suffix."""
+    """Read a table in a Parquet or a CSV file; `texts` are columns in which `007` stays text.
+
+    Raises ValueError if the file cannot be read, or has another suffix."""
     if path.suffix.lower() not in SUFFIXES:
         expected = f"a name that ends in {' or '.join(SUFFIXES)}"
-        raise InputError(place=path, expected=expected, fix=other_reader(path))
+        raise InputError(place=path, expected=expected, fix=_other_reader(path))
     if path.suffix.lower() == ".csv":
         return read_csv(path, dtype=dict.fromkeys(texts, str))
     return read_parquet(path)
 
 
+def _other_reader(path: Path) -> str:
+    """Name the reader, by the suffix of a file or by what is in a folder; empty if unknown."""
+    if not path.is_dir():
+        return _OTHER_SUFFIXES.get(path.suffix.lower(), "")
+    for name, patterns in _OTHER_LAYOUTS.items():
+        if any(next(path.glob(pattern), None) for pattern in patterns):
+            return f"`lidarplace convert {name}` reads such a folder"
+    return ""
+
+
 def _boxes(path: Path) -> pd.DataFrame:
-    """The table of boxes, checked but for the class."""
+    """Read the table of boxes, checked but for the class."""
     boxes = read_table(path)
     _check(boxes, ("frame", "class", *GEOMETRY), (*GEOMETRY, "timestamp_s"), path)
     columns.sizes(boxes, SIZE, str(path))
@@ -122,8 +144,9 @@ def _boxes(path: Path) -> pd.DataFrame:
 
 
 def _check(table: pd.DataFrame, needed: Sequence[str], numeric: Sequence[str], path: Path) -> None:
-    """Make `frame` and `numeric` columns numbers, and see that no text is missing. A `timestamp_s`
-    of which nothing is known, as this reader itself leaves it, is dropped."""
+    """Make `frame` and `numeric` columns numbers, and see that no text is missing.
+
+    A `timestamp_s` of which nothing is known, as this reader itself leaves it, is dropped."""
     if "timestamp_s" in table and table["timestamp_s"].isna().all():
         del table["timestamp_s"]
     fix = "`lidarplace convert table FILE --propose MAP.yaml` maps other names"
@@ -138,12 +161,12 @@ def _check(table: pd.DataFrame, needed: Sequence[str], numeric: Sequence[str], p
 
 
 def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
-    """The table of frames at `path`, which must list those of the boxes."""
+    """Read the table of frames at `path`, which must list those of the boxes."""
     frames = read_table(path)
     needed = boxes.columns.intersection([*OF_FRAMES])
-    known = {*frames.columns}
-    poses = [*POSE_COLUMNS] if known & {*POSE_COLUMNS} else []
-    poses += FULL_POSE_COLUMNS if known & {*FULL_POSE_COLUMNS} else ()
+    names = {*frames.columns}
+    poses = [*POSE_COLUMNS] if names & {*POSE_COLUMNS} else []
+    poses += FULL_POSE_COLUMNS if names & {*FULL_POSE_COLUMNS} else ()
     _check(frames, ("frame", *needed, *poses), (*poses, "timestamp_s"), path)
     columns.check_values(frames, ["frame"], frames["frame"].duplicated(), UNIQUE, str(path))
     if "split" in frames:
@@ -153,28 +176,28 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
 
 
 def _counted(boxes: pd.DataFrame, count: int, source: Path) -> pd.DataFrame:
-    """The frames of the boxes, and empty ones after them that make it `count`."""
+    """List the frames of the boxes, and empty ones after them that make it `count`."""
     FRAMES.check("frames", count)
-    own = boxes[["frame", *boxes.columns.intersection([*OF_FRAMES])]].drop_duplicates("frame")
-    if len(own) > count:
+    filled = boxes[["frame", *boxes.columns.intersection([*OF_FRAMES])]].drop_duplicates("frame")
+    if len(filled) > count:
         expected = f"boxes of at most {count} frames"
-        raise InputError(place=source, expected=expected, found=len(own))
-    start = own["frame"].max() + 1 if len(own) else 0
-    empty = pd.DataFrame({"frame": start + np.arange(count - len(own)), "scene": NO_BOXES})
-    if "scene" not in own:
-        own = own.assign(scene=LOG)
-    return _complete(pd.concat([own, empty]))
+        raise InputError(place=source, expected=expected, found=len(filled))
+    start = filled["frame"].max() + 1 if len(filled) else 0
+    empty = pd.DataFrame({"frame": start + np.arange(count - len(filled)), "scene": NO_BOXES})
+    if "scene" not in filled:
+        filled = filled.assign(scene=LOG)
+    return _complete(pd.concat([filled, empty]))
 
 
 def _complete(frames: pd.DataFrame, poses: Sequence[str] = ()) -> pd.DataFrame:
-    """All columns of frames, in the order of their numbers."""
+    """Add missing columns of frames, and sort these by their numbers."""
     for name, value in (("scene", LOG), ("timestamp_s", np.nan), ("split", "train")):
         if name not in frames:
             frames[name] = value
     if "route" not in frames:
         frames["route"] = pd.factorize(frames["scene"], sort=True)[0]
-    own = [*FRAME_COLUMNS, *poses, *frames.columns.intersection([CLOUD])]
-    return frames.sort_values("frame", ignore_index=True)[own]
+    names = [*FRAME_COLUMNS, *poses, *frames.columns.intersection([CLOUD])]
+    return frames.sort_values("frame", ignore_index=True)[names]
 
 
 def _set_scene_and_time(boxes: pd.DataFrame, frames: pd.DataFrame, source: Path) -> None:

@@ -50,9 +50,9 @@ COUNTS = {
 }
 """Column of real points -> that of the box log. Versions before 2.0.1 have none of the second."""
 LIDARS = ("TOP", "FRONT", "SIDE_LEFT", "SIDE_RIGHT", "REAR")
-"""In the order of their numbers, from 1."""
+"""LiDARs in the order of their numbers, from 1."""
 IMAGE = {"TOP": (64, 2650, 75.0)}
-"""Of a range image: beams, azimuth steps of a turn, and metres that it was cut to
+"""Range image: beams, azimuth steps of a turn, and metres that it was cut to
 (https://waymo.com/open/data/perception)."""
 SHORT_RANGE_IMAGE = (200, 600, 20.0)  # of the others
 _CALIBRATION = "[LiDARCalibrationComponent]"
@@ -69,7 +69,7 @@ def read_waymo(
     lidar: Lidar | None = None,
     keep_ignored: bool = False,
 ) -> BoxLog:
-    """The segments in `folder/<split>/lidar_box` and `vehicle_pose` as one box log.
+    """Read the segments in `folder/<split>/lidar_box` and `vehicle_pose` as one box log.
 
     A frame is a row of `vehicle_pose`, so those without a box count. Frames count through the
     segments, split by split, in the order of their names; `route` numbers the segments. Boxes have
@@ -78,8 +78,10 @@ def read_waymo(
     Args:
         folder: the data set.
         splits: of `SPLITS`; empty: `training` and `validation`, or the one that is there.
-        class_map, ignored, keep_ignored: as for `read_nuscenes`, of `class_maps.WAYMO`.
+        class_map: entries that differ from `class_maps.WAYMO`.
+        ignored: gets the number of boxes left out by type.
         lidar: model of all LiDARs; None: by the inclinations of the calibration.
+        keep_ignored: keep boxes of ignored types as `class_maps.OTHER`, which hide.
 
     Raises ValueError if a file is missing or wrong, a box is in no frame, or a type is unknown."""
     pattern, each = "lidar_box/[!.]*.parquet", "a file for each segment"
@@ -91,7 +93,6 @@ def read_waymo(
 def _segment(
     path: Path, start: int, class_map: ClassMap, ignored: Counter[str] | None, lidar: Lidar | None
 ) -> Drive:
-    """One segment, by its file of boxes; its frames have numbers from `start`."""
     frames, time = _frames(path.parents[1] / "vehicle_pose" / path.name, start)
     boxes = _boxes(path, time, frames, class_map, ignored)
     calibration = path.parents[1] / "lidar_calibration" / path.name
@@ -99,7 +100,6 @@ def _segment(
 
 
 def _rig(path: Path, lidar: Lidar | None) -> RecordedRig:
-    """The LiDARs of a segment."""
     table, source = _table(path, (LASER, EXTRINSIC, *INCLINATIONS)), str(path)
     numbered = integers(table, LASER, source)
     if not len(table) or ((numbered < 1) | (numbered > len(LIDARS))).any():
@@ -108,12 +108,14 @@ def _rig(path: Path, lidar: Lidar | None) -> RecordedRig:
     sensors = _poses(table, EXTRINSIC, np.arange(len(table)), source)
     sensors = Poses(sensors.position - ORIGIN, sensors.rotation)
     angles = zip(*(table[name] for name in INCLINATIONS), strict=True)
-    lidars = [lidar or _lidar(*own, source) for own in zip(names, angles, strict=True)]
+    lidars = [lidar or _lidar(n, ends, source) for n, ends in zip(names, angles, strict=True)]
     return recorded_rig("waymo", names, sensors, lidars)
 
 
 def _lidar(name: str, inclinations: Sequence[Any], source: str) -> Lidar:
-    """The model that wrote the range image of a LiDAR; inclinations: least, greatest, and each."""
+    """Return the model that wrote the range image of a LiDAR.
+
+    `inclinations` are least, greatest, and each."""
     low, high, each = inclinations
     beams, steps, reach = IMAGE.get(name, SHORT_RANGE_IMAGE)
     try:
@@ -127,7 +129,7 @@ def _lidar(name: str, inclinations: Sequence[Any], source: str) -> Lidar:
 
 
 def _frames(path: Path, start: int) -> tuple[pd.DataFrame, NDArray[np.int64]]:
-    """Frames of one segment, numbered from `start`, and their times in microseconds, ascending."""
+    """Read the frames of a segment, and their times in microseconds, ascending."""
     table, source = _table(path, (SEGMENT, TIME, POSE)), str(path)
     time = integers(table, TIME, source)
     if (row := first(pd.Series(time).duplicated())) is not None:
@@ -146,7 +148,7 @@ def _frames(path: Path, start: int) -> tuple[pd.DataFrame, NDArray[np.int64]]:
 
 
 def _poses(table: pd.DataFrame, column: str, rows: NDArray[np.int64], source: str) -> Poses:
-    """Poses of the transforms in these rows: of 16 numbers, row by row of a matrix."""
+    """Return poses of the transforms in these rows: of 16 numbers, row by row of a matrix."""
     matrices = np.empty((len(rows), 16))
     for matrix, row in zip(matrices, rows.tolist(), strict=True):
         try:
@@ -168,7 +170,6 @@ def _boxes(
     class_map: ClassMap,
     ignored: Counter[str] | None,
 ) -> pd.DataFrame:
-    """Boxes of one segment, whose frames are at these times."""
     table, source = _table(path, (SEGMENT, TIME, OBJECT, TYPE, *CENTRE, *SIZE, HEADING)), str(path)
     of_box = integers(table, TIME, source)
     index = pd.Index(time).get_indexer(pd.Index(of_box))
@@ -183,27 +184,28 @@ def _boxes(
             **in_ego(table, source),
         }
     )
-    for name, own in COUNTS.items():
+    for name, column in COUNTS.items():
         if name in table:
-            boxes[own] = counts_if_known(table, name, source)
+            boxes[column] = counts_if_known(table, name, source)
     return boxes
 
 
 def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
-    """Columns of `GEOMETRY` from those of a table of Waymo: `CENTRE`, `SIZE` and `HEADING`. Raises
-    ValueError that names file, row and value."""
+    """Return columns of `GEOMETRY` from those of a table of Waymo: `CENTRE`, `SIZE` and `HEADING`.
+
+    Raises ValueError that names file, row and value."""
     centre, size = numbers(table, CENTRE, source) - ORIGIN, sizes(table, SIZE, source)
     return geometry_of(centre, size, numbers(table, [HEADING], source)[:, 0])
 
 
 def frame_names(table: pd.DataFrame, source: str) -> NDArray[np.object_]:
-    """The frame of every row, `SEGMENT/TIME`; (rows,), text."""
+    """Name the frame of every row, `SEGMENT/TIME`; (rows,), text."""
     time = integers(table, TIME, source).astype(str).astype(object)
     return np.asarray(texts(table, SEGMENT, source) + "/" + time, object)
 
 
 def types(table: pd.DataFrame, source: str) -> pd.Series:
-    """Names of the types; a number beyond those that are known is a category of its own."""
+    """Name the types; a number beyond those that are known is a category of its own."""
     names = list(WAYMO)
     numbered = integers(table, TYPE, source).tolist()
     named = (names[n] if 0 <= n < len(names) else str(n) for n in numbered)

@@ -1,4 +1,4 @@
-"""KITTI's frames: where the LiDAR and the camera are, and the files that say so.
+"""KITTI's frames: places of LiDAR and camera, and the files that hold them.
 
 LiDAR frame: x forward, y left, z up. Camera frame: x right, y down, z forward. Places on the
 vehicle are those of Geiger et al., Vision meets Robotics, IJRR 2013; our camera looks ahead."""
@@ -43,7 +43,7 @@ _SHAPES = {name: matrix.shape for name, matrix in STANDARD.items()}
 
 
 def calibration_text(calibration: Mapping[str, NDArray[np.float64]] = STANDARD) -> str:
-    """The content of a file in `calib`: a line a matrix, its name and its rows."""
+    """Write the content of a file in `calib`: a line a matrix, its name and its rows."""
     rows = {
         name: " ".join(f"{x:.12e}" for x in matrix.flat) for name, matrix in calibration.items()
     }
@@ -51,8 +51,9 @@ def calibration_text(calibration: Mapping[str, NDArray[np.float64]] = STANDARD) 
 
 
 def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
-    """Read a file of `calib`: its matrices by name. Raises OSError, and ValueError if a line is no
-    matrix, or what places the camera is missing."""
+    """Read a file of `calib`: its matrices by name.
+
+    Raises OSError, and ValueError if a line is no matrix, or what places the camera is missing."""
     matrices: dict[str, NDArray[np.float64]] = {}
     for number, line in enumerate(regular(path).read_text(errors="replace").splitlines(), start=1):
         key, *values = line.split() or [""]
@@ -65,9 +66,8 @@ def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
         except ValueError:
             matrix = np.empty(0)
         if matrix.size != shape[0] * shape[1] or not np.isfinite(matrix).all():
-            place, found = f"{path}: line {number}", repr(" ".join(values))
-            expected = f"{shape[0] * shape[1]} finite numbers"
-            raise InputError(place=place, key=name, expected=expected, found=found)
+            place, expected = f"{path}: line {number}", f"{shape[0] * shape[1]} finite numbers"
+            raise InputError(place=place, key=name, expected=expected, found=repr(" ".join(values)))
         matrices[name] = matrix.reshape(shape)
     for name in ("R0_rect", "Tr_velo_to_cam"):
         if name not in matrices:
@@ -82,8 +82,9 @@ def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
 def camera_to_ego(
     calibration: Mapping[str, NDArray[np.float64]] = STANDARD, lidar_height: float = LIDAR_HEIGHT_M
 ) -> NDArray[np.float64]:
-    """From the rectified camera frame, that of the labels, to the ego frame; shape (3, 4).
-    `calibration` has `R0_rect` and `Tr_velo_to_cam`; `lidar_height` is in metres."""
+    """Return the transform from the rectified camera frame, that of labels, to the ego frame.
+
+    Shape (3, 4). `calibration` has `R0_rect` and `Tr_velo_to_cam`; `lidar_height` is in metres."""
     to_camera = np.eye(4)
     to_camera[:3] = calibration["R0_rect"] @ calibration["Tr_velo_to_cam"]
     to_ego = np.array(np.linalg.inv(to_camera)[:3], np.float64)

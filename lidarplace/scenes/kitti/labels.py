@@ -25,7 +25,7 @@ _LINE = "%s %.2f %d" + 12 * " %.2f"
 
 
 def to_labels(objects: pd.DataFrame) -> pd.DataFrame:
-    """Labels of boxes: `frame` and `LABEL_COLUMNS`, a row for every row of `objects`.
+    """Compute labels of boxes: `frame` and `LABEL_COLUMNS`, a row for every row of `objects`.
 
     Numbers are rounded to KITTI's two decimals first; the image box, `truncated` and `alpha` belong
     to the rounded box. The image box is that of the eight corners, cut to the image; `truncated` is
@@ -45,10 +45,10 @@ def to_labels(objects: pd.DataFrame) -> pd.DataFrame:
     whole = _image_boxes(*box)
     right, lower = (size - 1.0 for size in IMAGE_SIZE)
     cut = _rounded(np.clip(whole, 0.0, [right, lower, right, lower]))
-    shown = (cut[:, 2:] > cut[:, :2]).all(axis=1)
-    cut[~shown] = 0.0
+    visible = (cut[:, 2:] > cut[:, :2]).all(axis=1)
+    cut[~visible] = 0.0
     area, cut_area = ((sides[:, 2:] - sides[:, :2]).prod(axis=1) for sides in (whole, cut))
-    share = np.divide(cut_area, area, out=np.zeros_like(area), where=shown)
+    share = np.divide(cut_area, area, out=np.zeros_like(area), where=visible)
     truncated = _rounded(np.clip(1.0 - share, 0.0, 1.0))
     alpha = _rounded(_wrapped(rotation_y - np.arctan2(x, z)))
     occluded = objects["occluded"].to_numpy(np.int64)
@@ -58,29 +58,30 @@ def to_labels(objects: pd.DataFrame) -> pd.DataFrame:
 
 
 def in_image(labels: pd.DataFrame) -> NDArray[np.bool_]:
-    """Which objects the image shows, if only in part; shape (rows,)."""
+    """Return a mask of the objects that the image shows, if only in part; shape (rows,)."""
     return (labels["right"] > labels["left"]).to_numpy()
 
 
 def label_lines(labels: pd.DataFrame) -> list[str]:
-    """The text of every row."""
+    """Format the rows as lines of a file."""
     columns = (labels[name].tolist() for name in LABEL_COLUMNS)
     return [_LINE % fields for fields in zip(*columns, strict=True)]
 
 
 def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """To KITTI's decimals, and never -0."""
+    """Round to KITTI's decimals, without negative zero."""
     return np.round(values, DECIMALS) + 0.0
 
 
 def _wrapped(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same angle in [-pi, pi)."""
+    """Turn angles into [-pi, pi)."""
     return np.mod(angle + np.pi, 2 * np.pi) - np.pi
 
 
 def _image_boxes(*box: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Left, top, right, bottom of the boxes in an image without end, shape (N, 4); else zeros. Box
-    and camera are upright, so the part of a box before the camera stands on the part of its
+    """Return left, top, right, bottom of boxes in an image without end, (N, 4); zeros if none.
+
+    Box and camera are upright, so the part of a box before the camera stands on the part of its
     footprint there: at most four corners and two points where edges pass `NEAR_M`."""
     height, width, length, x, y, z, rotation_y = box
     along = 0.5 * length[:, None] * [1.0, 1.0, -1.0, -1.0]

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.class_names import IGNORE
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.ranges import LIDAR_HEIGHT
 from lidarplace.files.regular import files_in, is_there, regular
 from lidarplace.logs.box_log import BoxLog
@@ -35,18 +35,18 @@ _NUMBERS = 14  # fields of a line after the type, without the score
 
 
 def frame_name(frame: int) -> str:
-    """The name of the files of a frame, without suffix."""
+    """Name the files of a frame, without suffix."""
     return f"{frame:06d}"
 
 
 def part(folder: Path, name: str) -> Path:
-    """The folder `name` of a data set, which lies in `training` or in `folder` itself."""
+    """Return the folder `name` of a data set, which lies in `training` or in `folder` itself."""
     training = folder / "training"
     return (training if training.is_dir() else folder) / name
 
 
 def fault(error: ValueError, skipped: list[str] | None) -> None:
-    """Add to what is skipped, if that is asked for; otherwise raise the error."""
+    """Add an error to those skipped, or raise it where none are."""
     if skipped is None:
         raise error
     skipped.append(str(error))
@@ -63,7 +63,7 @@ def read_kitti(
     lidar: Lidar | None = None,
     keep_ignored: bool = False,
 ) -> BoxLog:
-    """The frames of a KITTI-format folder as a box log.
+    """Read the frames of a KITTI-format folder as a box log.
 
     `label_2` and `calib` lie in `folder` or in `folder/training`, `ImageSets` in `folder`. The
     frames are those of `ImageSets/train.txt` and `val.txt`, the latter in the split test;
@@ -73,12 +73,15 @@ def read_kitti(
     the log's rig.
 
     Args:
-        class_map, ignored, keep_ignored: as for `read_nuscenes`, of `class_maps.KITTI`.
+        folder: the data set.
+        class_map: entries that differ from `class_maps.KITTI`.
         standard_calibration: do not read `calib`: the camera looks straight ahead from 0.27 m
             before and 0.08 m below the LiDAR.
         lidar_height: of the LiDAR above the ground, metres.
+        ignored: gets the number of boxes left out by type.
         skipped: gets what is wrong with lines and frames, which are then left out.
         lidar: model of the LiDAR; None: HDL-64E as KITTI's turns.
+        keep_ignored: keep boxes of ignored types as `class_maps.OTHER`, which hide.
 
     Raises OSError without labels, ValueError that names file and line if one is broken or of an
     unknown type, a calibration or a label file is missing, or no frame is left."""
@@ -86,31 +89,15 @@ def read_kitti(
     types = merged(KITTI, class_map, keep_ignored)
     ignored = Counter() if ignored is None else ignored
     frames = _frames(folder, skipped)
-    numbers: list[list[float]] = []
-    names: list[tuple[int, str, str]] = []
-    to_ego: list[NDArray[np.float64]] = []
-    placed: list[int] = []
-    pose = camera_to_ego(STANDARD, lidar_height)
-    for frame in frames["frame"].tolist():
-        file = f"{frame_name(frame)}.txt"
-        if not standard_calibration:
-            path = part(folder, "calib") / file
-            try:
-                pose = camera_to_ego(read_calibration(path), lidar_height)
-            except FileNotFoundError:
-                problem = "no such file, so nothing places the camera"
-                fix = "--standard-calibration takes KITTI's usual camera instead"
-                fault(InputError(problem, place=path, fix=fix), skipped)
-                continue
-            except ValueError as error:
-                fault(error, skipped)
-                continue
+    cameras = _cameras(folder, frames["frame"], standard_calibration, lidar_height, skipped)
+    numbers, names, to_ego, placed = [], [], [], []
+    for frame, transform in cameras:
         placed.append(frame)
-        path = part(folder, "label_2") / file
+        path = part(folder, "label_2") / f"{frame_name(frame)}.txt"
         for line, name, values in read_labels(path, types, ignored, skipped):
             numbers.append(values[7:_NUMBERS])
-            names.append((frame, f"{frame_name(frame)}-{line}", types[name]))
-            to_ego.append(pose)
+            names.append((frame, f"{path.stem}-{line}", types[name]))
+            to_ego.append(transform)
     if not placed:
         raise InputError("no frame can be used", place=folder)
     scene = folder.resolve().name
@@ -118,25 +105,43 @@ def read_kitti(
     boxes = pd.DataFrame(names, columns=["frame", "object_id", "class"])
     boxes = boxes.astype({"frame": np.int64, "object_id": str, "class": str})
     geometry = in_ego(np.array(numbers).reshape(-1, 7), np.array(to_ego).reshape(-1, 3, 4))
-    boxes = boxes.assign(scene=scene, timestamp_s=np.nan, **geometry)
+    boxes = boxes.assign(scene=scene, timestamp_s=np.nan, **geometry)[list(BOX_COLUMNS)]
     frames[SOURCE] = frames["frame"].map(frame_name)
     frames[CLOUD] = "velodyne/" + frames[SOURCE] + ".bin"
     lidar = lidar or replace(Lidar.named("hdl64e"), azimuth_steps=STEPS)
-    mount = Mount(z=lidar_height)
-    rig = RecordedRig(("velodyne",), Placement("kitti", [mount], lidar))
-    table = frames[[*FRAME_COLUMNS, CLOUD, SOURCE]]
-    return BoxLog(boxes[list(BOX_COLUMNS)], table, rigs={scene: rig})
+    rig = RecordedRig(("velodyne",), Placement("kitti", [Mount(z=lidar_height)], lidar))
+    return BoxLog(boxes, frames[[*FRAME_COLUMNS, CLOUD, SOURCE]], rigs={scene: rig})
+
+
+def _cameras(
+    folder: Path, frames: pd.Series, standard: bool, lidar_height: float, skipped: list[str] | None
+) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    """Yield the frames that have a camera, and its transform to the ego frame."""
+    transform = camera_to_ego(STANDARD, lidar_height)
+    for frame in frames.tolist():
+        path = part(folder, "calib") / f"{frame_name(frame)}.txt"
+        try:
+            if not standard:
+                transform = camera_to_ego(read_calibration(path), lidar_height)
+        except FileNotFoundError:
+            problem = "no such file, so nothing places the camera"
+            fix = "--standard-calibration takes KITTI's usual camera instead"
+            fault(InputError(problem, place=path, fix=fix), skipped)
+        except ValueError as error:
+            fault(error, skipped)
+        else:
+            yield frame, transform
 
 
 def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
-    """Columns frame, timestamp_s, split, route; sorted by frame."""
+    """List the frames: columns frame, timestamp_s, split, route; sorted by frame."""
     labels = part(folder, "label_2")
     if (tracking := part(folder, "label_02")).is_dir() and not labels.is_dir():
         problem = "KITTI's tracking layout, a file a drive; only the object layout is read"
         fix = "make a table of its boxes in the ego frame, and read it by convert table --propose"
         raise InputError(problem, place=tracking, expected="a folder label_2", fix=fix)
     files = {path.stem for path in files_in(labels) if path.suffix == ".txt"}
-    found: dict[int, str] = {}
+    split_of: dict[int, str] = {}
     # Someone who names the folder `training` means its lists too, which lie next to it.
     lists = folder / "ImageSets"
     if not is_there(lists) and labels.parent == folder and folder.resolve().name == "training":
@@ -151,26 +156,27 @@ def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
                 fault(InputError(place=where, expected="a number like 000123", found=stem), skipped)
             elif stem not in files:
                 fault(InputError(f"no file {labels / stem}.txt", place=where), skipped)
-            elif int(stem) in found:
+            elif int(stem) in split_of:
                 fault(InputError(f"duplicate frame {stem}", place=where), skipped)
             else:
-                found[int(stem)] = SETS[name]
+                split_of[int(stem)] = SETS[name]
     if not listed:
         for stem in sorted(files):
             if _is_name(stem):
-                found[int(stem)] = "train"
+                split_of[int(stem)] = "train"
             else:
                 place, expected = f"{labels / stem}.txt", "a name like 000123.txt"
                 fault(InputError(place=place, expected=expected), skipped)
-    if not found:
+    if not split_of:
         raise InputError("no file of labels is among the frames", place=labels)
-    frames = pd.DataFrame({"frame": list(found), "timestamp_s": np.nan, "split": found.values()})
+    columns = {"frame": list(split_of), "timestamp_s": np.nan, "split": split_of.values()}
+    frames = pd.DataFrame(columns)
     frames["route"] = frames["split"].map([*SETS.values()].index)
     return frames.sort_values("frame", ignore_index=True)
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Those of a text file that are not empty, stripped, with their numbers from 1."""
+    """Yield the lines of a text file that are not empty, stripped, with their numbers from 1."""
     text = regular(path).read_text(errors="replace")
     lines = enumerate((line.strip() for line in text.splitlines()), start=1)
     return ((number, line) for number, line in lines if line)
@@ -187,38 +193,46 @@ def read_labels(
     skipped: list[str] | None = None,
     fields_of_line: Sequence[int] = (_NUMBERS + 1, _NUMBERS + 2),
 ) -> list[tuple[int, str, list[float]]]:
-    """Line, type and numbers, 14 and maybe a score, of the boxes of a file; counts those ignored.
-    Raises ValueError that names file and line, unless `skipped` gets it."""
-    wanted = " or ".join(map(str, fields_of_line))
-    found = []
+    """Read the boxes of a file: line, type, and numbers, 14 and maybe a score.
+
+    Counts those ignored. Raises ValueError that names file and line, unless `skipped` gets it."""
+    expected = " or ".join(map(str, fields_of_line))
+    labels = []
     for number, line in _lines(path):
         name, *texts = line.split()
         try:
-            values = [float(text) for text in texts]
-        except ValueError:
-            values = [math.nan]
-        where = f"{path}: line {number}"
-        if (fields := len(texts) + 1) not in fields_of_line:
-            fault(InputError(place=where, expected=f"{wanted} fields", found=fields), skipped)
-        elif name not in types:
-            parts = {"found": repr(name), "fix": "a class map can name more"}
-            known = ", ".join(types)
-            fault(InputError("unknown type", place=where, expected=known, **parts), skipped)
-        elif types[name] == IGNORE:
-            ignored[name] += 1
-        elif not all(map(math.isfinite, values)):
-            fault(InputError(place=where, expected="finite numbers", found=repr(line)), skipped)
-        elif min(values[7:10]) < 0:
-            fault(InputError(place=where, expected="sizes >= 0", found=values[7:10]), skipped)
-        else:
-            found.append((number, name, values))
-    return found
+            with at(f"{path}: line {number}"):
+                if (fields := len(texts) + 1) not in fields_of_line:
+                    raise InputError(expected=f"{expected} fields", found=fields)
+                if name not in types:
+                    parts = {"found": repr(name), "fix": "a class map can name more"}
+                    raise InputError("unknown type", expected=", ".join(types), **parts)
+                if types[name] == IGNORE:
+                    ignored[name] += 1
+                else:
+                    labels.append((number, name, _numbers(line, texts)))
+        except InputError as error:
+            fault(error, skipped)
+    return labels
+
+
+def _numbers(line: str, texts: Sequence[str]) -> list[float]:
+    try:
+        values = [float(text) for text in texts]
+    except ValueError:
+        values = [math.nan]
+    if not all(map(math.isfinite, values)):
+        raise InputError(expected="finite numbers", found=repr(line))
+    if min(values[7:10]) < 0:
+        raise InputError(expected="sizes >= 0", found=values[7:10])
+    return values
 
 
 def in_ego(
     labels: NDArray[np.float64], to_ego: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Columns of `GEOMETRY` from height, width, length, x, y, z, rotation_y; shapes (B, 7).
+    """Return columns of `GEOMETRY` from height, width, length, x, y, z, rotation_y; shapes (B, 7).
+
     `to_ego` (B, 3, 4) may be tilted: centre and heading are turned as vectors, and the box is set
     upright about its centre."""
     height, width, length, x, y, z, rotation_y = labels.T

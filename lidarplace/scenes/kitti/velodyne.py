@@ -58,9 +58,9 @@ def read_kitti_clouds(
         points = np.fromfile(regular(path), "<f4").reshape(-1, 4).astype(np.float32, copy=False)
         good = np.isfinite(points).all(axis=1) & (points[:, 3] >= 0) & (points[:, 3] <= 1)
         for index in np.flatnonzero(~good).tolist():
-            place, found = f"{path}: point {index}", points[index].tolist()
-            expected = "finite numbers, and an intensity in [0, 1]"
-            fault(InputError(place=place, expected=expected, found=found), skipped)
+            place, expected = f"{path}: point {index}", "finite numbers, and an intensity in [0, 1]"
+            error = InputError(place=place, expected=expected, found=points[index].tolist())
+            fault(error, skipped)
         points = points[good]
         points[:, 2] += np.float32(lidar_height)
         # Adding the height rounds; what lay on a face of the region must stay in it.

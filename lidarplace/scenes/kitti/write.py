@@ -85,20 +85,20 @@ def _write_frames(
         for frame, line in zip(labels["frame"].tolist(), label_lines(labels), strict=True):
             lines.setdefault(frame, []).append(line)
         for frame, points in zip(clouds.frames.tolist(), clouds, strict=True):
-            stem, own = frame_name(frame), testing if frame in secret else training
-            write_cloud(own / "velodyne" / f"{stem}.bin", points)
+            stem, portion = frame_name(frame), testing if frame in secret else training
+            write_cloud(portion / "velodyne" / f"{stem}.bin", points)
             if frame not in secret:
                 text = "\n".join([*lines.get(frame, [NOTHING]), ""])
-                (own / "label_2" / f"{stem}.txt").write_text(text)
-            (own / "calib" / f"{stem}.txt").write_text(calibration)
+                (portion / "label_2" / f"{stem}.txt").write_text(text)
+            (portion / "calib" / f"{stem}.txt").write_text(calibration)
             if images:
-                (own / "image_2" / f"{stem}.png").write_bytes(image)
+                (portion / "image_2" / f"{stem}.png").write_bytes(image)
             written.append(frame)
     return written
 
 
 def black_png(width: int, height: int) -> bytes:
-    """A black RGB image in PNG's format, in some kilobytes (ISO/IEC 15948)."""
+    """Draw a black RGB image in PNG's format, in some kilobytes (ISO/IEC 15948)."""
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     rows = zlib.compress(bytes(height * (1 + 3 * width)), 9)
     image = b"\x89PNG\r\n\x1a\n"

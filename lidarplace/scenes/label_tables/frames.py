@@ -1,4 +1,4 @@
-"""From time stamps to frames, from recordings to routes and splits."""
+"""Frames from time stamps, routes and splits from recordings."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,8 @@ DRIVE = "log"  # scene of a file that has no column of drives
 
 
 class Stamps(NamedTuple):
-    """When each row is: name of the drive, (rows,), and time in the file's own unit, (rows,).
+    """Drive and time of each row: its name, and the file's own unit; both (rows,).
+
     Doubles hold microseconds of our epoch exactly, nanoseconds to a quarter of a microsecond."""
 
     drive: NDArray[np.object_]
@@ -27,7 +28,7 @@ class Stamps(NamedTuple):
 def read_stamps(
     table: pd.DataFrame, drive: str | None, stamp: str, whole: bool, source: str
 ) -> Stamps:
-    """Drive and time (or, if `whole`, frame number) of every row. Raises ValueError."""
+    """Read drive and time (or, if `whole`, frame number) of every row; raise ValueError."""
     names = np.full(len(table), DRIVE, object) if drive is None else texts(table, drive, source)
     values = integers(table, stamp, source) if whole else numbers(table, [stamp], source)[:, 0]
     return Stamps(names, values.astype(np.float64))
@@ -36,19 +37,20 @@ def read_stamps(
 def frames_of(
     stamps: Stamps, mapping: TableMapping, source: str
 ) -> tuple[pd.DataFrame, NDArray[np.int64]]:
-    """The table of frames, and the frame number of every row. Frames have `FRAME_COLUMNS`, and
-    `stamp` in the file's own unit. Numbers count through the drives in the order of their names.
-    Raises ValueError if time stamps do not keep the rate, or a drive of the mapping is not
-    there."""
+    """Make the table of frames, and return it with the frame number of every row.
+
+    Frames have `FRAME_COLUMNS`, and `stamp` in the file's own unit. Numbers count through the
+    drives in the order of their names. Raises ValueError if time stamps do not keep the rate, or a
+    drive of the mapping is not there."""
     drives, route = np.unique(stamps.drive.astype(str), return_inverse=True)
     split = _splits(drives, mapping, source)
     of_row = np.zeros(len(route), np.int64)
     tables: list[pd.DataFrame] = []
     first = 0
     for number, drive in enumerate(drives):
-        own = route == number
-        values, index = _frames_of_drive(stamps.value[own], mapping, source)
-        of_row[own] = first + index
+        of_drive = route == number
+        values, index = _frames_of_drive(stamps.value[of_drive], mapping, source)
+        of_row[of_drive] = first + index
         seconds = (values - values[0]) / (mapping.frames.rate_hz or np.nan)
         if mapping.columns.time is not None:
             seconds = (values - values[0]) * SECONDS[mapping.units.time]
@@ -62,7 +64,7 @@ def frames_of(
 def _frames_of_drive(
     value: NDArray[np.float64], mapping: TableMapping, source: str
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Stamps of the frames of one drive, and which of them each row is in."""
+    """Return stamps of the frames of one drive, and which of them each row is in."""
     rate = mapping.frames.rate_hz
     times, of_row = np.unique(value, return_inverse=True)
     if rate is None:
@@ -85,18 +87,17 @@ def _frames_of_drive(
         problem += f"frame off a rate of {rate:g} Hz, the first with {times[np.argmax(off)]:.16g}"
         fix = "change frames.rate_hz or units.time"
         raise InputError(problem, place=source, key=mapping.stamp, fix=fix)
-    known, first = np.unique(number, return_index=True)
-    return np.interp(np.arange(known[-1] + 1), known, times[first]), number[of_row]
+    labelled, first = np.unique(number, return_index=True)
+    return np.interp(np.arange(labelled[-1] + 1), labelled, times[first]), number[of_row]
 
 
 def _splits(drives: NDArray[np.str_], mapping: TableMapping, source: str) -> dict[str, str]:
-    """The split of every drive."""
     train, test = mapping.drives.train, mapping.drives.test
     for key, names in (("train", train or ()), ("test", test)):
         if missing := [name for name in names if name not in drives]:
-            shown = ", ".join(drives[:20]) + (" …" if len(drives) > 20 else "")
+            listed = ", ".join(drives[:20]) + (" …" if len(drives) > 20 else "")
             problem = f"no drive {missing[0]!r} in column {mapping.columns.drive}"
-            raise InputError(problem, place=source, key=f"drives.{key}", found=shown)
+            raise InputError(problem, place=source, key=f"drives.{key}", found=listed)
     split = {str(drive): "test" if drive in test else "train" for drive in drives}
     if left := [name for name in split if train is not None and name not in (*train, *test)]:
         problem = f"{left[0]!r} is neither in train nor in test, nor are {len(left) - 1} others"

@@ -7,14 +7,14 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from lidarplace.base.class_names import check_class_name
 from lidarplace.base.errors import InputError
-from lidarplace.configuration.settings import FileBeside, Length, Name, Settings, found, validated
+from lidarplace.configuration.settings import FileBeside, Length, Name, Settings, excerpt, validated
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import CLASSES
+from lidarplace.logs.plausibility import LogCheck
 from lidarplace.scenes.label_tables.units import AngleUnit, LengthUnit, TimeUnit
-from lidarplace.scenes.sanity_checks.doubt import Check
 
 Value = Annotated[Name, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
-"""Of a column: text, or a number that names something."""
+"""Value of a column: text, or a number that names something."""
 
 
 class Columns(Settings):
@@ -54,7 +54,7 @@ class Columns(Settings):
 
 
 class Units(Settings):
-    """Of the columns."""
+    """Units of the columns."""
 
     position: LengthUnit = Field("m", description="of x, y and z")
     size: LengthUnit = Field("m", description="of length, width and height")
@@ -63,7 +63,7 @@ class Units(Settings):
 
 
 class Origin(Settings):
-    """Where the origin of the label file's vehicle frame is, in metres of our ego frame.
+    """Origin of the label file's vehicle frame in our ego frame, metres.
 
     Ours is on the ground under the centre of the vehicle. A rear axle 1.4 m behind the centre and
     0.33 m above the ground is x: -1.4, z: 0.33."""
@@ -74,7 +74,7 @@ class Origin(Settings):
 
 
 class EgoPoses(Settings):
-    """Where the vehicle was in the world: columns of the label file, or of a file of their own."""
+    """Poses of the vehicle in the world: columns of the label file, or of a file of their own."""
 
     file: FileBeside | None = Field(
         None,
@@ -91,7 +91,7 @@ class EgoPoses(Settings):
 
 
 class Frames(Settings):
-    """Which frames there are."""
+    """Rate of the frames."""
 
     rate_hz: float | None = Field(
         None,
@@ -103,7 +103,7 @@ class Frames(Settings):
 
 
 class Drives(Settings):
-    """Which drives are for what; without any all are for training."""
+    """Split of the drives; without any all are for training."""
 
     train: tuple[Value, ...] | None = Field(None, description="by default all others")
     test: tuple[Value, ...] = Field(
@@ -118,7 +118,7 @@ class Drives(Settings):
 
 
 class TableMapping(Settings):
-    """What the columns of a label file mean."""
+    """Meaning of the columns of a label file."""
 
     columns: Columns
     units: Units = Units()
@@ -135,7 +135,7 @@ class TableMapping(Settings):
     )
     frames: Frames = Frames()
     drives: Drives = Drives()
-    accept: tuple[Check, ...] = Field(
+    accept: tuple[LogCheck, ...] = Field(
         (), description="checks to skip, for values that are correct although they look implausible"
     )
 
@@ -156,15 +156,15 @@ class TableMapping(Settings):
         return self.columns.time or self.columns.frame or ""
 
     def column(self, name: str) -> str:
-        """The file's own name of a column of boxes, or of the vehicle's pose."""
+        """Return the file's own name of a column of boxes, or of the vehicle's pose."""
         if name.startswith("ego_"):
             return str(getattr(self.poses, name.removeprefix("ego_")))
         return self.stamp if name == "timestamp_s" else str(getattr(self.columns, name))
 
 
 def read_mapping(path: Path) -> TableMapping:
-    """Read the keys of `TableMapping`. Raises OSError, and ValueError that names file and key."""
+    """Read the keys of `TableMapping`; raise OSError, and ValueError that names file and key."""
     content = read_yaml_file(path)
     if not isinstance(content, dict):
-        raise InputError(place=path, expected="keys such as `columns`", found=found(content))
+        raise InputError(place=path, expected="keys such as `columns`", found=excerpt(content))
     return validated(TableMapping, content, str(path), path.parent)

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from lidarplace.base.errors import InputError
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.logs.boxes import SIZE
-from lidarplace.logs.plausible import SIZES
+from lidarplace.logs.plausibility import SIZES
 from lidarplace.scenes.datasets.tabular import read_table
 from lidarplace.scenes.label_tables import units
 from lidarplace.scenes.label_tables.mapping import Columns
@@ -23,16 +23,17 @@ ALIKE = 0.8  # names less alike than this share of their letters are not taken f
 _NAMES = read_yaml_file(Path(__file__).with_name("names.yaml"))
 USUAL: Mapping[str, str] = _NAMES["usual"]  # key of the mapping -> names that it has in label files
 _STEM = re.compile("|".join(f"(?P<{word}>{stems})" for word, stems in _NAMES["stems"].items()))
-"""Of German and French words, in groups called by the English one."""
+"""Stems of German and French words, in groups called by the English one."""
 TEST_SHARE = 0.2
 MOST_CATEGORIES = 200
 NEAR_GROUND_M = 0.1
 
 
 def propose_mapping(path: Path) -> str:
-    """A mapping of the label file as YAML, with comments that say what each guess is from. A column
-    that its name does not identify is a key without value, an error to who reads it. Raises
-    ValueError if the file cannot be read, or has no rows."""
+    """Propose a mapping of the label file as YAML, with the evidence of each guess as comments.
+
+    A column that its name does not identify is a key without value, an error to who reads it.
+    Raises ValueError if the file cannot be read, or has no rows."""
     table = read_table(path, ())
     if table.empty:
         raise InputError("no rows", place=path)
@@ -62,7 +63,7 @@ class _Proposal:
         self.z = z - np.nan_to_num(ego_z) if self.in_world else z
 
     def lines(self) -> Iterator[str]:
-        """Of the YAML document."""
+        """Yield the lines of the YAML document."""
         yield from self._columns()
         yield "units:"
         yield "  position: {}   # {}".format(*self.position)
@@ -82,19 +83,18 @@ class _Proposal:
         yield from self._drives()
 
     def _numbers(self, key: str) -> NDArray[np.float64]:
-        """A column as numbers, NaN where it has none."""
+        """Return a column as numbers, NaN where it has none."""
         if key not in self.columns:
             return np.full(len(self.table), np.nan)
-        found = pd.to_numeric(self.table[self.columns[key]], errors="coerce")
-        return np.asarray(found.to_numpy(np.float64, na_value=np.nan))
+        numbers = pd.to_numeric(self.table[self.columns[key]], errors="coerce")
+        return np.asarray(numbers.to_numpy(np.float64, na_value=np.nan))
 
     def _angle(self, key: str) -> str:
-        """The line of the unit of a yaw."""
         angle = units.guess_angle(self.columns.get(key, ""), self._numbers(key))
         return "  angle: {}   # {}".format(*angle)
 
     def _step(self) -> float:
-        """From one time stamp of a drive to the next, in the median; NaN if there is one."""
+        """Return the median time between time stamps of a drive; NaN if there is one."""
         drive = self.columns.get("drive")
         stamps = pd.DataFrame({"time": self._numbers("time")})
         stamps["drive"] = self.table[drive].astype(str) if drive else ""
@@ -112,7 +112,7 @@ class _Proposal:
                 yield f"  {key}:   # nothing tells it; other columns: {others}"
 
     def _place(self) -> Iterator[str]:
-        """What z is, where the origin is, and the poses."""
+        """Yield the meaning of z, the origin and the poses."""
         height = self._numbers("height") * units.METRES[self.size.unit]
         z = self.z * units.METRES[self.position.unit]
         centre, bottom = (_median(low) for low in (z - height / 2, z))
@@ -140,8 +140,8 @@ class _Proposal:
             return
         counts = self.table[self.columns["category"]].astype(str).value_counts()
         for name, count in counts.iloc[:MOST_CATEGORIES].items():
-            known = _class_in(str(name)) or "null"
-            yield f"  {_text(str(name))}: {known}   # {count / len(self.table):.1%}"
+            class_name = _class_in(str(name)) or "null"
+            yield f"  {_text(str(name))}: {class_name}   # {count / len(self.table):.1%}"
 
     def _drives(self) -> Iterator[str]:
         if "drive" not in self.columns:
@@ -153,19 +153,20 @@ class _Proposal:
 
 
 def _class_in(category: str) -> str | None:
-    """The class that the name of a category implies."""
-    found = (c for c, told in _NAMES["classes"].items() if re.search(told, category, re.IGNORECASE))
-    return next(found, None)
+    for name, pattern in _NAMES["classes"].items():
+        if re.search(pattern, category, re.IGNORECASE):
+            return str(name)
+    return None
 
 
 def _in_english(name: str) -> str:
-    """A plain name with the words for which there are stems: `objektklasse` is `object_class`."""
+    """Translate the words of a plain name that have stems: `objektklasse` is `object_class`."""
     words = [[str(m.lastgroup) for m in _STEM.finditer(word)] or [word] for word in name.split("_")]
     return "_".join(part for parts in words for part in parts)
 
 
 def guess_columns(columns: Sequence[str]) -> dict[str, str]:
-    """A column for each key of `USUAL` that has one, so that names are most alike altogether."""
+    """Match columns with the keys of `USUAL`, so that names are most alike altogether."""
     likeness = np.array([[_likeness(name, usual) for name in columns] for usual in USUAL.values()])
     likeness = np.where(likeness < ALIKE, 0.0, likeness)
     keys = list(USUAL)
@@ -174,31 +175,31 @@ def guess_columns(columns: Sequence[str]) -> dict[str, str]:
 
 
 def _likeness(name: str, usual: str) -> float:
-    """1 for a usual name, a little less for a later one."""
-    own = {units.plain(name), units.without_unit(name), _in_english(units.without_unit(name))}
-    own |= {re.sub("^(object|obj|box)_|_(object|obj|box)$", "", mine) for mine in own}
+    """Compare names: 1 for a usual name, a little less for a later one."""
+    forms = {units.plain(name), units.without_unit(name), _in_english(units.without_unit(name))}
+    forms |= {re.sub("^(object|obj|box)_|_(object|obj|box)$", "", form) for form in forms}
     return max(
-        SequenceMatcher(None, mine, other).ratio() - 0.001 * place
-        for mine in own
+        SequenceMatcher(None, form, other).ratio() - 0.001 * place
+        for form in forms
         for place, other in enumerate(usual.split())
     )
 
 
 def _median(values: NDArray[np.float64]) -> float:
-    """Of those that are numbers; NaN if none is."""
+    """Return the median of the numbers among values; NaN if none is."""
     return float(pd.Series(values).median())
 
 
 def _rate(step: float) -> float:
-    """Frames a second, a whole number where it is nearly one."""
+    """Return frames a second, a whole number where it is nearly one."""
     whole = round(rate := 1 / step)
     return float(whole) if whole and abs(rate - whole) < 0.02 * rate else float(f"{rate:.4g}")
 
 
 def _text(name: str) -> str:
-    """A text in YAML; quoted as JSON, which YAML reads."""
+    """Write a text in YAML; quoted as JSON, which YAML reads."""
     return name if name.isidentifier() and name.lower() not in _WORDS else json.dumps(name)
 
 
 _WORDS = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
-"""That YAML takes for something else."""
+"""Texts that YAML takes for something else."""

@@ -15,7 +15,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.files.columns import counts_if_known, numbers, sizes, texts
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import FRAME_COLUMNS, GEOMETRY, POINTS, POSE_COLUMNS, SIZE, first
-from lidarplace.logs.plausible import MOST_YAW
+from lidarplace.logs.plausibility import over_two_turns
 from lidarplace.scenes.datasets.class_maps import classified
 from lidarplace.scenes.datasets.se3 import Poses
 from lidarplace.scenes.datasets.tabular import read_table
@@ -35,12 +35,12 @@ class Track(NamedTuple):
     slack: float
 
     def at(self, stamps: Stamps) -> Poses:
-        """Level poses of the file's vehicle frame at these times; ValueError for those beyond."""
-        found = np.empty((len(stamps.value), 4))
+        """Interpolate level poses of the file's vehicle frame at these times; ValueError beyond."""
+        poses = np.empty((len(stamps.value), 4))
         for drive in pd.unique(stamps.drive):
-            asked, own = stamps.drive == drive, self.stamps.drive == drive
-            time, first = np.unique(self.stamps.value[own], return_index=True)
-            value = stamps.value[asked]
+            rows, of_drive = stamps.drive == drive, self.stamps.drive == drive
+            time, first = np.unique(self.stamps.value[of_drive], return_index=True)
+            value = stamps.value[rows]
             if not len(time):
                 raise InputError(f"no pose of drive {drive!r}", place=self.source, key="poses")
             outside = (value < time[0] - self.slack) | (value > time[-1] + self.slack)
@@ -49,14 +49,16 @@ class Track(NamedTuple):
                 expected = f"{time[0]:.16g} to {time[-1]:.16g}"
                 parts = {"expected": expected, "found": f"{value[np.argmax(outside)]:.16g}"}
                 raise InputError(problem, place=self.source, key="poses", **parts)
-            pose = self.pose[own][first]
+            pose = self.pose[of_drive][first]
             pose[:, 3] = np.unwrap(pose[:, 3])
-            found[asked] = np.stack([np.interp(value, time, column) for column in pose.T], 1)
-        return Poses(found[:, :3], Rotation.from_rotvec(found[:, 3:] * [0.0, 0.0, 1.0]))
+            poses[rows] = np.stack([np.interp(value, time, column) for column in pose.T], 1)
+        return Poses(poses[:, :3], Rotation.from_rotvec(poses[:, 3:] * [0.0, 0.0, 1.0]))
 
 
 def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, source: str) -> Track:
-    """The poses that the mapping names, of `table` or of a file of their own. Raises ValueError."""
+    """Read the poses that the mapping names, of `table` or of a file of their own.
+
+    Raises ValueError for missing columns and implausible yaws."""
     drive, stamp = mapping.columns.drive, mapping.stamp
     if poses.file is not None:
         drive, stamp = poses.drive or drive, poses.stamp or stamp
@@ -69,7 +71,7 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
     for column, (name, unit) in enumerate(zip(names.values(), units, strict=True)):
         if name is not None:
             pose[:, column] = numbers(table, [name], source)[:, 0] * unit
-    turned = np.abs(pose[:, 3]) > MOST_YAW
+    turned = over_two_turns(pose[:, 3])
     if (row := first(turned)) is not None and "poses" not in mapping.accept:
         problem = f"{turned.mean():.1%} of the rows are over two turns of radians, the first is "
         problem += f"row {row} with {pose[row, 3]:g}"
@@ -80,10 +82,11 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
 
 
 def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -> BoxLog:
-    """The boxes of a label file, a row a box; its frames have poses if the mapping has. `ignored`
-    gets the number of boxes left out by category. Raises ValueError that names file and column if
-    one is missing, a value is none, a category is in no class, an object is twice in a frame, or
-    time stamps, drives or poses do not fit."""
+    """Read the boxes of a label file, a row a box; its frames have poses if the mapping has.
+
+    `ignored` gets the number of boxes left out by category. Raises ValueError that names file and
+    column if one is missing, a value is none, a category is in no class, an object is twice in a
+    frame, or time stamps, drives or poses do not fit."""
     columns, source = mapping.columns, str(path)
     names = (columns.drive, columns.object, columns.category)
     table = read_table(path, filter(None, names))
@@ -104,8 +107,8 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
     boxes["class"] = _classes(table, mapping, source)
     boxes["scene"], boxes["frame"] = stamps.drive, frame
     boxes["timestamp_s"] = frames["timestamp_s"].to_numpy()[frame]
-    own = texts(table, columns.object, source) if columns.object else boxes.index.map(str)
-    boxes["object_id"] = own
+    ids = texts(table, columns.object, source) if columns.object else boxes.index.map(str)
+    boxes["object_id"] = ids
     if columns.points is not None:
         boxes[POINTS] = counts_if_known(table, columns.points, source)
     ignored.update(texts(table, columns.category, source)[boxes["class"] == IGNORE])
@@ -118,7 +121,7 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
 
 
 def _geometry(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArray[np.float64]:
-    """Rows of `GEOMETRY` in metres and radians, z at the centre; (rows, 7)."""
+    """Return rows of `GEOMETRY` in metres and radians, z at the centre; (rows, 7)."""
     columns, units = mapping.columns, mapping.units
     place = numbers(table, [columns.x, columns.y, columns.z], source) * METRES[units.position]
     size = sizes(table, [getattr(columns, side) for side in SIZE], source) * METRES[units.size]
@@ -129,7 +132,6 @@ def _geometry(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArra
 
 
 def _classes(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArray[np.object_]:
-    """The class of every row, `IGNORE` where it is left out."""
     column = mapping.columns.category
     category = texts(table, column, source)
     unknown = np.array([name not in mapping.classes for name in category])

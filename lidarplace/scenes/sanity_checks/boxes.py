@@ -8,10 +8,10 @@ import pandas as pd
 
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import SIZE
-from lidarplace.logs.plausible import MOST_SIZE_M, MOST_YAW
+from lidarplace.logs.plausibility import MOST_SIZE_M, ImplausibleValue, over_two_turns
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.scenes.sanity_checks.doubt import LEAST_BOXES, Doubt
 
+LEAST_BOXES = 20  # fewer boxes or frames make nothing certain
 FARTHEST_M = 1000.0
 FAR_M = 150.0  # the median box of a log in the ego frame is nearer
 NEAREST_M = 2.0  # a log none of whose boxes is farther away has another unit
@@ -31,39 +31,41 @@ those of real ones and half of them, or the triple, as of feet; a Cyclist may be
 LEAST_WHOLE = 3  # so many turned boxes, all by whole numbers of radians, are no chance
 
 
-def doubts_of_units(log: BoxLog) -> Iterator[Doubt]:
-    """Doubts of yaw and size, box by box."""
+def implausible_units(log: BoxLog) -> Iterator[ImplausibleValue]:
+    """Check the units of yaw and size, box by box."""
     yaw = log.boxes["yaw"].to_numpy(np.float64)
-    far, turned = np.abs(yaw) > MOST_YAW, yaw != 0
+    far, turned = over_two_turns(yaw), yaw != 0
     if far.any():
-        why = "yaw is in radians; over two turns"
-        yield Doubt("yaw", "yaw", far, why, "units.angle", certain=True)
+        problem = "yaw is in radians; over two turns"
+        yield ImplausibleValue("yaw", "yaw", problem, "units.angle", True, far)
     elif turned.sum() >= LEAST_WHOLE and (yaw[turned] % 1 == 0).all():
-        why = "yaw is in radians; all are whole numbers, as of degrees"
-        yield Doubt("yaw", "yaw", turned, why, "units.angle", bool(turned.sum() >= LEAST_BOXES))
+        problem = "yaw is in radians; all are whole numbers, as of degrees"
+        certain = bool(turned.sum() >= LEAST_BOXES)
+        yield ImplausibleValue("yaw", "yaw", problem, "units.angle", certain, turned)
     too_large = log.boxes[list(SIZE)].to_numpy(np.float64) > MOST_SIZE_M
     if (large := np.asarray(too_large.any(axis=1))).any():
-        why = f"sizes are in metres; over {MOST_SIZE_M:g} m"
-        certain = too_large.all(axis=1).any()  # a tram is long, but not as wide and high
-        yield Doubt("size", SIZE[0], large, why, "units.size", bool(certain))
+        problem = f"sizes are in metres; over {MOST_SIZE_M:g} m"
+        certain = bool(too_large.all(axis=1).any())  # a tram is long, but not as wide and high
+        yield ImplausibleValue("size", SIZE[0], problem, "units.size", certain, large)
 
 
-def doubts_of_degrees(log: BoxLog) -> Iterator[Doubt]:
-    """Doubt of a yaw that was read as degrees: it ends at pi, or 2 pi, where radians end."""
+def implausible_degrees(log: BoxLog) -> Iterator[ImplausibleValue]:
+    """Check a yaw that was read as degrees: it is in radians if it ends at pi, or 2 pi."""
     ends = np.radians([math.pi, 2 * math.pi])
     largest = log.boxes["yaw"].abs().max()
     if len(log.boxes) >= LEAST_BOXES and ((0.97 * ends < largest) & (largest <= ends)).any():
-        why = f"yaw ends at {math.degrees(largest):.2f} degrees, where radians end"
-        yield Doubt("yaw", "yaw", np.ones(len(log.boxes), bool), why, "units.angle: rad")
+        problem = f"yaw ends at {math.degrees(largest):.2f} degrees, where radians end"
+        rows = np.ones(len(log.boxes), bool)
+        yield ImplausibleValue("yaw", "yaw", problem, "units.angle: rad", False, rows)
 
 
-def doubts_of_surroundings(log: BoxLog) -> Iterator[Doubt]:
-    """Doubts of the sizes of a class, of places and heights."""
-    for doubts in (_sizes, _places, _heights) if len(log.boxes) else ():
-        yield from doubts(log.boxes)
+def implausible_surroundings(log: BoxLog) -> Iterator[ImplausibleValue]:
+    """Check the sizes of a class, places and heights."""
+    for check in (_sizes, _places, _heights) if len(log.boxes) else ():
+        yield from check(log.boxes)
 
 
-def _sizes(boxes: pd.DataFrame) -> Iterator[Doubt]:
+def _sizes(boxes: pd.DataFrame) -> Iterator[ImplausibleValue]:
     sizes = boxes[list(SIZE)].to_numpy(np.float64)
     codes, names = pd.factorize(boxes["class"])
     for name, (low, high) in SIDES_M.items():
@@ -71,59 +73,59 @@ def _sizes(boxes: pd.DataFrame) -> Iterator[Doubt]:
             continue
         rows = codes == list(names).index(name)
         median = np.median(sizes[rows], axis=0)
-        wrong = [n for n in range(3) if not low[n] <= median[n] <= high[n]]
+        outside = [side for side in range(3) if not low[side] <= median[side] <= high[side]]
         remedy = "columns.length, columns.width and columns.height"
         if not median.any():
             continue  # points, not boxes
-        if name == "Car" and (n := int(median.argmax())):
-            why = f"cars are {('', 'wider', 'higher')[n]} than long in the median"
-        elif wrong:
+        if name == "Car" and (longest := int(median.argmax())):
+            problem = f"cars are {('', 'wider', 'higher')[longest]} than long in the median"
+        elif outside:
             remedy = f"units.size, or the order of {remedy}"
-            n = wrong[0]
-            why = f"the {SIZE[n]} of a {name} is {median[n]:g} m in the median, expected "
-            why += f"{low[n]:g} to {high[n]:g}"
-            if median[n] < low[n] and ((low <= 2 * median) & (2 * median <= high)).all():
-                why += ", as of half sizes"
+            side = outside[0]
+            problem = f"the {SIZE[side]} of a {name} is {median[side]:g} m in the median, expected "
+            problem += f"{low[side]:g} to {high[side]:g}"
+            if median[side] < low[side] and ((low <= 2 * median) & (2 * median <= high)).all():
+                problem += ", as of half sizes"
                 remedy = "the sizes (twice these half extents)"
         else:
             continue
         if boxes["object_id"][rows].nunique() >= LEAST_OBJECTS:
-            yield Doubt("size", SIZE[0], rows, why, remedy, bool(rows.sum() >= LEAST_BOXES))
+            certain = bool(rows.sum() >= LEAST_BOXES)
+            yield ImplausibleValue("size", SIZE[0], problem, remedy, certain, rows)
             return
 
 
-def _places(boxes: pd.DataFrame) -> Iterator[Doubt]:
+def _places(boxes: pd.DataFrame) -> Iterator[ImplausibleValue]:
     x, y = (boxes[name].to_numpy(np.float64) for name in "xy")
     distance = np.hypot(x, y)
-    every = np.ones(len(distance), bool)
+    remedy = "units.position, or coordinates: world with poses"
     if (far := distance > FARTHEST_M).any():
-        why = f"farther than {FARTHEST_M:,.0f} m from the vehicle"
-        remedy = "units.position, or coordinates: world with poses"
-        yield Doubt("place", "x", far, why, remedy, bool(far.mean() > OFTEN))
+        problem = f"farther than {FARTHEST_M:,.0f} m from the vehicle"
+        yield ImplausibleValue("place", "x", problem, remedy, bool(far.mean() > OFTEN), far)
         return
     if len(distance) >= LEAST_BOXES and distance.max() < NEAREST_M:
-        why = f"nothing is farther than {NEAREST_M:g} m from the vehicle"
-        yield Doubt("place", "x", every, why, "units.position", certain=True)
+        problem = f"nothing is farther than {NEAREST_M:g} m from the vehicle"
+        rows = np.ones(len(distance), bool)
+        yield ImplausibleValue("place", "x", problem, "units.position", True, rows)
         return
     if len(distance) >= LEAST_BOXES and (median := np.median(distance)) > FAR_M:
-        why = f"boxes are {median:.0f} m from the vehicle in the median"
-        remedy = "units.position, or coordinates: world with poses"
-        yield Doubt("place", "x", distance > FAR_M, why, remedy)
+        problem = f"boxes are {median:.0f} m from the vehicle in the median"
+        yield ImplausibleValue("place", "x", problem, remedy, False, distance > FAR_M)
     low, high = Vehicle.car().boxes[0][:, :2]
     within = (low[0] < x) & (x < high[0]) & (low[1] < y) & (y < high[1])
     if within.mean() > IN_VEHICLE:
-        why = "the centre is in the body of the vehicle"
+        problem = "the centre is in the body of the vehicle"
         remedy = "units.position, coordinates, or classes: the own vehicle is null"
-        yield Doubt("place", "x", within, why, remedy)
+        yield ImplausibleValue("place", "x", problem, remedy, False, within)
 
 
-def _heights(boxes: pd.DataFrame) -> Iterator[Doubt]:
+def _heights(boxes: pd.DataFrame) -> Iterator[ImplausibleValue]:
     x, y, z, height = (boxes[name].to_numpy(np.float64) for name in ("x", "y", "z", "height"))
     near = np.hypot(x, y) < NEAR_M
     bottom = z - height / 2
     if near.sum() < LEAST_BOXES or not abs(median := np.median(bottom[near])) > OFF_GROUND_M:
         return
-    why = f"the undersides of near boxes are {median:+.2f} m off the ground in the median"
+    problem = f"the undersides of near boxes are {median:+.2f} m off the ground in the median"
     if abs(np.median(z[near])) < OFF_GROUND_M:
         remedy = "box_z: bottom"
     elif median > 0 and abs(median - np.median(height[near]) / 2) < OFF_GROUND_M:
@@ -131,4 +133,4 @@ def _heights(boxes: pd.DataFrame) -> Iterator[Doubt]:
     else:
         remedy = f"origin.z, {-median:+.2f} m from its value, or units.position"
     rows = near & (np.abs(bottom) > OFF_GROUND_M)
-    yield Doubt("ground", "z", rows, why, remedy, bool(abs(median) > NO_SLOPE_M))
+    yield ImplausibleValue("ground", "z", problem, remedy, bool(abs(median) > NO_SLOPE_M), rows)

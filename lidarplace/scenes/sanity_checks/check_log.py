@@ -6,45 +6,55 @@ from pathlib import Path
 
 from lidarplace.base.errors import InputError
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.scenes.sanity_checks.boxes import doubts_of_surroundings, doubts_of_units
-from lidarplace.scenes.sanity_checks.copies import doubts_of_copies, doubts_of_duplicates
-from lidarplace.scenes.sanity_checks.doubt import OF_FRAMES, Doubt
-from lidarplace.scenes.sanity_checks.motion import doubts_of_motion, doubts_of_poses
-from lidarplace.scenes.sanity_checks.times import doubts_of_times
+from lidarplace.logs.plausibility import CHECKS_OF_FRAMES, ImplausibleValue, cautions_of
+from lidarplace.scenes.sanity_checks.boxes import implausible_surroundings, implausible_units
+from lidarplace.scenes.sanity_checks.copies import copied_test_frames, duplicate_boxes
+from lidarplace.scenes.sanity_checks.motion import (
+    implausible_motion,
+    implausible_poses,
+    implausible_times,
+)
 
 CONVERTED = "change {remedy} of the mapping that converts it (`lidarplace convert table --propose`)"
 
 
-def doubts_of_log(log: BoxLog) -> Iterator[Doubt]:
-    """Run all checks of a log, and yield their doubts."""
+def implausible_values(log: BoxLog) -> Iterator[ImplausibleValue]:
+    """Run all checks of a log."""
     return chain(
-        doubts_of_poses(log),
-        doubts_of_units(log),
-        doubts_of_surroundings(log),
-        doubts_of_times(log),
-        doubts_of_duplicates(log),
-        doubts_of_motion(log),
-        doubts_of_copies(log, log),
+        implausible_poses(log),
+        implausible_units(log),
+        implausible_surroundings(log),
+        implausible_times(log),
+        duplicate_boxes(log),
+        implausible_motion(log),
+        copied_test_frames(log, log),
     )
 
 
 def check_log(
-    log: BoxLog, place: Path | str, doubts: Iterable[Doubt] | None = None, fix: str = CONVERTED
+    log: BoxLog,
+    place: Path | str,
+    values: Iterable[ImplausibleValue] | None = None,
+    fix: str = CONVERTED,
 ) -> list[str]:
-    """Cautions of implausible values, a line for each check, of all `doubts_of_log` or of some
-    `doubts`. Raises InputError for the first that is certain. In `fix`, `{remedy}` is what to
-    change."""
-    cautions: dict[str, str] = {}
-    for doubt in doubts_of_log(log) if doubts is None else doubts:
-        error = error_of(doubt, log, place, doubt.column, fix)
-        if doubt.certain:
-            raise error
-        cautions.setdefault(doubt.check, str(error))
-    return [*cautions.values()]
+    """Return cautions of implausible values, a line for each check.
+
+    Args:
+        log: the log that is checked.
+        place: names the log in messages.
+        values: what some checks returned; None: `implausible_values`.
+        fix: advice, in which `{remedy}` is what to change.
+
+    Raises InputError for the first value that is certain.
+    """
+    values = implausible_values(log) if values is None else values
+    return cautions_of((value, error_of(value, log, place, value.column, fix)) for value in values)
 
 
-def error_of(doubt: Doubt, log: BoxLog, place: Path | str, column: str, fix: str) -> InputError:
-    """The line of a doubt; `column` is how the source calls that of the doubt."""
-    rows = log.frames if doubt.check in OF_FRAMES else log.boxes
-    problem, change = f"{doubt.why}: {doubt.where(rows)}", fix.format(remedy=doubt.remedy)
+def error_of(
+    value: ImplausibleValue, log: BoxLog, place: Path | str, column: str, fix: str
+) -> InputError:
+    """Return the error line of a value; `column` is the name that the source gives its column."""
+    table = log.frames if value.check in CHECKS_OF_FRAMES else log.boxes
+    problem, change = f"{value.problem}: {value.where(table)}", fix.format(remedy=value.remedy)
     return InputError(problem, place=place, key=f"column {column}", fix=change)

@@ -1,4 +1,4 @@
-"""Conventions in which boxes may be instead of ours: axes, yaw and frame of coordinates."""
+"""Other conventions that boxes may be in: axes, yaw and frame of coordinates."""
 
 import math
 from dataclasses import dataclass
@@ -51,4 +51,4 @@ SEEN_IN_THE_WORLD = (
     Convention("coordinates of the world", _WORLD, place="world", yaw="world"),
     Convention("x and y of the world", _WORLD, place="world"),
 )
-"""Those that only poses of the vehicle show, too."""
+"""Conventions that show if poses of the vehicle are known."""

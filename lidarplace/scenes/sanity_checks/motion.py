@@ -1,4 +1,4 @@
-"""Do vehicles move where they head? They rarely slide: it shows which convention boxes are in."""
+"""Times and motion that look wrong: vehicles rarely slide, which shows the convention of boxes."""
 
 import math
 from collections.abc import Iterator
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import POSE_COLUMNS
+from lidarplace.logs.plausibility import STEP_S, ImplausibleValue
+from lidarplace.scenes.sanity_checks.boxes import LEAST_BOXES
 from lidarplace.scenes.sanity_checks.conventions import (
     CLOCKWISE,
     OURS,
@@ -17,8 +19,9 @@ from lidarplace.scenes.sanity_checks.conventions import (
     SEEN_IN_THE_WORLD,
     Convention,
 )
-from lidarplace.scenes.sanity_checks.doubt import Doubt
 
+MOST_SPEED = 100.0  # metres a second, 360 km/h, of the vehicle in the median
+MOST_STEP_M = 150.0  # of the vehicle from one frame to the next in the median, if time is unknown
 STEP_M = 0.2  # shorter steps from frame to frame say more of the labels' noise than of motion
 MOST_BOXES = 20_000  # of a larger log some runs of frames are enough
 RUN = 8  # steps
@@ -28,7 +31,7 @@ LEAST_VEHICLES = 3  # that slide: one may be towed, or labelled in its own way
 ACROSS = 0.3
 """Sine of the angle between motion and length axis, 17 degrees, above which a step is across."""
 MOST_ACROSS = 0.1
-"""Share of steps that are across without a doubt: labels jitter, and cars in car parks turn."""
+"""Share of steps that may be across: labels jitter, and cars in car parks turn."""
 CERTAIN_ACROSS, CERTAIN_STEPS = 0.3, 100  # share across, of so many, of no traffic that is right
 MOST_OFF = 0.5
 """Share of steps in which the vehicle itself may drive another way than it heads: it reverses."""
@@ -36,29 +39,63 @@ BACKWARDS = 0.8  # share of steps against the heading that no traffic has
 CLEARLY = 4  # so many times fewer are across in the convention that is meant
 MORE = 1.2  # so many times more vehicles move at most: one that sets parked ones in motion is wrong
 UNKNOWNS = 2
-"""Of the vehicle's own motion in a frame: how far ahead, and by which angle to the left."""
+"""Unknowns of the vehicle's motion in a frame: how far ahead, and by which angle to the left."""
 
 
-def doubts_of_motion(log: BoxLog) -> Iterator[Doubt]:
-    """Doubt the convention of the boxes: in another one far fewer vehicles slide."""
+def implausible_times(log: BoxLog) -> Iterator[ImplausibleValue]:
+    """Check the time from frame to frame, and how far the vehicle moves in it."""
+    frames = log.frames.sort_values(["scene", "route", "frame"])
+    route = frames.groupby(["scene", "route"], sort=False)
+    step = route["timestamp_s"].diff()
+    if (back := (step < 0)).any():
+        problem = f"time goes back from one frame to the next, to {step.min():g} s"
+        rows, remedy = back[log.frames.index].to_numpy(bool), "columns.time or columns.frame"
+        yield ImplausibleValue("time", "timestamp_s", problem, remedy, False, rows)
+        return
+    filled = frames["frame"].isin(log.boxes["frame"])
+    labelled = frames[filled].groupby(["scene", "route"], sort=False)["timestamp_s"].diff()
+    if (median := labelled.median()) < STEP_S[0] or median > STEP_S[1]:
+        problem = f"from one frame with boxes to the next it is {median:g} s in the median"
+        rows, remedy = filled[log.frames.index].to_numpy(bool), "units.time, or frames.rate_hz"
+        certain = bool(labelled.notna().sum() >= LEAST_BOXES)
+        yield ImplausibleValue("time", "timestamp_s", problem, remedy, certain, rows)
+    if not {*POSE_COLUMNS} <= {*frames.columns}:
+        return
+    dx, dy = (route[axis].diff() for axis in POSE_COLUMNS[:2])
+    length = pd.Series(np.hypot(dx, dy), dx.index)
+    for value, most, unit in (
+        (length[step > 0] / step[step > 0], MOST_SPEED, "m/s"),
+        (length, MOST_STEP_M, "m a frame"),
+    ):
+        if (median := value.median()) > most:
+            problem = f"the vehicle moves by {median:.0f} {unit} in the median"
+            rows = (length[log.frames.index] > 0).to_numpy(bool)
+            certain = bool(value.notna().sum() >= LEAST_BOXES)
+            remedy = "poses.position, poses.file or units.time"
+            yield ImplausibleValue("poses", POSE_COLUMNS[0], problem, remedy, certain, rows)
+            return
+
+
+def implausible_motion(log: BoxLog) -> Iterator[ImplausibleValue]:
+    """Check the convention of the boxes: it is wrong if in another one far fewer vehicles slide."""
     pairs = _pairs(log)
     if _has_poses(log):
-        steps = [_in_the_world(pairs, each) for each in (OURS, *SEEN_IN_THE_WORLD)]
-        yield from _doubts(log, steps, SEEN_IN_THE_WORLD)
+        steps = [_steps_by_poses(pairs, each) for each in (OURS, *SEEN_IN_THE_WORLD)]
+        yield from _compare_conventions(log, steps, SEEN_IN_THE_WORLD)
         return
-    steps = [_beside_the_vehicle(pairs, each) for each in (OURS, *SEEN_FROM_THE_VEHICLE)]
-    if doubts := [*_doubts(log, steps, SEEN_FROM_THE_VEHICLE)]:
-        yield from doubts
+    steps = [_steps_without_poses(pairs, each) for each in (OURS, *SEEN_FROM_THE_VEHICLE)]
+    if implausible := [*_compare_conventions(log, steps, SEEN_FROM_THE_VEHICLE)]:
+        yield from implausible
         return
-    # The motion that was found for the vehicle may make up for a mirrored yaw. If all slide unless
+    # The motion that was fitted for the vehicle may make up for a mirrored yaw. If all slide unless
     # it moves, and none slides next to one that stands and yaw clockwise, it stands.
-    standing = [_beside_the_vehicle(pairs, each, stands=True) for each in (OURS, CLOCKWISE)]
+    standing = [_steps_without_poses(pairs, each, stands=True) for each in (OURS, CLOCKWISE)]
     if (standing[1].sine > ACROSS).sum() < MOST_ACROSS / CLEARLY * len(standing[1].sine):
-        yield from _doubts(log, standing, (CLOCKWISE,))
+        yield from _compare_conventions(log, standing, (CLOCKWISE,))
 
 
-def doubts_of_poses(log: BoxLog) -> Iterator[Doubt]:
-    """Doubt the heading of the vehicle if it mostly drives another way."""
+def implausible_poses(log: BoxLog) -> Iterator[ImplausibleValue]:
+    """Check that the vehicle mostly drives where it heads."""
     if not _has_poses(log):
         return
     frames = log.frames.sort_values(["scene", "frame"])
@@ -68,13 +105,13 @@ def doubts_of_poses(log: BoxLog) -> Iterator[Doubt]:
     moved = length > STEP_M
     off = moved & (ahead < math.sqrt(1 - ACROSS**2) * length)
     if moved.sum() >= LEAST_STEPS and off.sum() > MOST_OFF * moved.sum():
-        why = (
+        problem = (
             f"the vehicle drives another way than it heads in {off.sum() / moved.sum():.0%} of "
             f"{moved.sum():,} steps"
         )
         remedy = "poses.angle, or poses.yaw (from the x axis towards y)"
-        rows = off[log.frames.index].to_numpy(bool)
-        yield Doubt("poses", "ego_yaw", rows, why, remedy, bool(moved.sum() >= CERTAIN_STEPS))
+        rows, certain = off[log.frames.index].to_numpy(bool), bool(moved.sum() >= CERTAIN_STEPS)
+        yield ImplausibleValue("poses", "ego_yaw", problem, remedy, certain, rows)
 
 
 class Steps(NamedTuple):
@@ -85,24 +122,18 @@ class Steps(NamedTuple):
     box: NDArray[np.int64]  # the box at the end of the step, by its place in the log
 
 
-def steps_across(log: BoxLog) -> Steps:
-    """Steps of the vehicles of a log (pedestrians step aside). Where the log has poses, motion is
-    that in the world; elsewhere see `_beside_the_vehicle`."""
-    motion = _in_the_world if _has_poses(log) else _beside_the_vehicle
-    return motion(_pairs(log), OURS)
-
-
-def _doubts(log: BoxLog, steps: list[Steps], others: tuple[Convention, ...]) -> Iterator[Doubt]:
-    """Doubt of the first of `steps`, ours, if those of another convention are far fewer across."""
+def _compare_conventions(
+    log: BoxLog, steps: list[Steps], others: tuple[Convention, ...]
+) -> Iterator[ImplausibleValue]:
+    """Reject the first of `steps`, ours, if those of another convention are far fewer across."""
     ours, across = steps[0], steps[0].sine > ACROSS
     if len(across) < LEAST_STEPS:
         return
     if across.mean() < MOST_ACROSS:
         if ours.back.mean() > BACKWARDS:
-            why = f"vehicles move against their heading in {ours.back.mean():.0%} of "
-            why += f"{len(across):,} steps"
-            remedy = "columns.yaw (by half a turn)"
-            yield from _doubt(log, ours, ours.back, why, remedy)
+            problem = f"vehicles move against their heading in {ours.back.mean():.0%} of "
+            problem += f"{len(across):,} steps"
+            yield from _sliding(log, ours, ours.back, problem, "columns.yaw (by half a turn)")
         return
     shares = [
         (each.sine > ACROSS).mean() if LEAST_STEPS <= len(each.sine) <= MORE * len(across) else 1.0
@@ -110,30 +141,30 @@ def _doubts(log: BoxLog, steps: list[Steps], others: tuple[Convention, ...]) -> 
     ]
     best = int(np.argmin(shares))
     if shares[best] < across.mean() / CLEARLY:
-        why = (
+        problem = (
             f"vehicles move across their length axis in {across.mean():.0%} of {len(across):,} "
             f"steps, with {others[best].meaning} in {shares[best]:.0%}"
         )
-        yield from _doubt(log, ours, across, why, others[best].remedy)
+        yield from _sliding(log, ours, across, problem, others[best].remedy)
 
 
-def _doubt(
-    log: BoxLog, steps: Steps, wrong: NDArray[np.bool_], why: str, remedy: str
-) -> Iterator[Doubt]:
+def _sliding(
+    log: BoxLog, steps: Steps, wrong: NDArray[np.bool_], problem: str, remedy: str
+) -> Iterator[ImplausibleValue]:
     boxes = np.zeros(len(log.boxes), bool)
     boxes[steps.box[wrong]] = True
     if log.boxes["object_id"][boxes].nunique() >= LEAST_VEHICLES:
         certain = wrong.mean() >= CERTAIN_ACROSS and len(wrong) >= CERTAIN_STEPS
-        yield Doubt("yaw", "yaw", boxes, why, remedy, bool(certain))
+        yield ImplausibleValue("yaw", "yaw", problem, remedy, bool(certain), boxes)
 
 
 def _has_poses(log: BoxLog) -> bool:
-    known = set(POSE_COLUMNS) <= set(log.frames.columns)
-    return known and bool(log.frames["ego_yaw"].notna().all())
+    has_columns = set(POSE_COLUMNS) <= set(log.frames.columns)
+    return has_columns and bool(log.frames["ego_yaw"].notna().all())
 
 
 def _pairs(log: BoxLog) -> pd.DataFrame:
-    """Boxes of a vehicle in a frame and `STRIDE_S` before it, whose values are `before_…`."""
+    """Pair boxes of a vehicle in a frame and `STRIDE_S` before it, whose values are `before_…`."""
     order = log.frames.sort_values(["scene", "frame"])
     order["place"] = np.arange(len(order))
     frame_s = order.groupby(["scene", "route"])["timestamp_s"].diff().median()
@@ -156,9 +187,7 @@ def _pairs(log: BoxLog) -> pd.DataFrame:
     return table.join(before[["x", "y", *poses]].add_prefix("before_"))[follows]
 
 
-def _in_the_world(pairs: pd.DataFrame, convention: Convention) -> Steps:
-    """Steps by the poses of the vehicle."""
-
+def _steps_by_poses(pairs: pd.DataFrame, convention: Convention) -> Steps:
     def place(prefix: str) -> NDArray[np.float64]:
         x, y = _place(pairs, prefix, convention)
         if convention.place == "world":
@@ -181,11 +210,14 @@ def _in_the_world(pairs: pd.DataFrame, convention: Convention) -> Steps:
     return Steps(sine, ahead[moved] < 0, pairs["row"].to_numpy(np.int64)[moved])
 
 
-def _beside_the_vehicle(pairs: pd.DataFrame, convention: Convention, stands: bool = False) -> Steps:
-    """Steps by the motion of the vehicle, v ahead and w to the left, under which objects slide
-    least; or it `stands`. `n·(d + v e_x + w e_z × p) = 0` by least squares in each frame, n the
-    normal of an object's length axis, d its step and p its place in the ego frame. Needs over two
-    objects in a frame."""
+def _steps_without_poses(
+    pairs: pd.DataFrame, convention: Convention, stands: bool = False
+) -> Steps:
+    """Compute steps with the motion of the vehicle under which objects slide least, if it moves.
+
+    Its motion is v ahead and w to the left; or it `stands`. `n·(d + v e_x + w e_z × p) = 0` by
+    least squares in each frame, n the normal of an object's length axis, d its step and p its place
+    in the ego frame. Needs over two objects in a frame."""
     x, y = _place(pairs, "", convention)
     before_x, before_y = _place(pairs, "before_", convention)
     yaw = convention.turn + convention.factor * pairs["yaw"].to_numpy(np.float64)
@@ -209,7 +241,7 @@ def _beside_the_vehicle(pairs: pd.DataFrame, convention: Convention, stands: boo
 
 
 def _place(pairs: pd.DataFrame, prefix: str, convention: Convention) -> NDArray[np.float64]:
-    """Coordinates x and y in the ego frame, (2, pairs)."""
+    """Return x and y in the ego frame, (2, pairs)."""
     return np.reshape(convention.axes, (2, 2)) @ _columns(pairs, prefix, "x", "y")
 
 

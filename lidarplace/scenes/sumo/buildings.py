@@ -18,29 +18,32 @@ if TYPE_CHECKING:
 
 
 Rectangles = NDArray[np.float64]
-"""On the ground: x, y, yaw, half of the length, half of the width; (P, 5)."""
+"""Rectangles on the ground: x, y, yaw, half of the length, half of the width; (P, 5)."""
 
 
 def overlaps(traffic: Trajectories) -> NDArray[np.int64]:
-    """All pairs of road users on one level whose rectangles on the ground meet. Shape (P, 3),
-    int64: recorded step, and the two indices, ascending."""
+    """Find all pairs of road users on one level whose rectangles on the ground meet.
+
+    Shape (P, 3), int64: recorded step, and the two indices, ascending."""
     half = np.array([(user.length, user.width) for user in traffic.users]) / 2
     radius = np.hypot(*half.T)
     reach = radius[:, None] + radius
-    found = []
+    pairs = []
     for step, pose in enumerate(traffic.pose):
         distance = np.hypot(*(pose[:, None, :2] - pose[None, :, :2]).transpose(2, 0, 1))
         level = np.abs(traffic.z[step][:, None] - traffic.z[step]) <= LEVEL_M
         a, b = np.nonzero(np.triu((distance <= reach) & level, 1))  # False where NaN
         users = np.hstack([pose, half])
         meet = rectangles_meet(users[a], users[b])
-        found.append(np.stack([np.full(meet.sum(), step), a[meet], b[meet]], axis=1))
-    return np.concatenate(found)
+        pairs.append(np.stack([np.full(meet.sum(), step), a[meet], b[meet]], axis=1))
+    return np.concatenate(pairs)
 
 
 def rectangles_meet(a: Rectangles, b: Rectangles) -> NDArray[np.bool_]:
-    """Whether the n-th of `a` and the n-th of `b` share a point, shape (P,). Two convex shapes are
-    apart exactly if some edge's normal separates them; rectangles have two normals each."""
+    """Return whether the n-th of `a` and the n-th of `b` share a point, shape (P,).
+
+    Two convex shapes are apart exactly if some edge's normal separates them; rectangles have two
+    normals each."""
     dx, dy, turn = (b - a)[:, :3].T
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
     meet = np.ones(len(a), bool)
@@ -57,7 +60,7 @@ first, then smaller ones where room is left. Together they line two thirds of a 
 SETBACK_M = (0.5, 4.0)  # from the outer edge of the road, its sidewalk included, to the wall
 VERGE_M = (4.0, 12.0)  # the same for every lane, where there is no sidewalk or the road is broad
 BROAD = 3
-"""From so many lanes one way on a road counts as a highway: houses keep away, and there are none
+"""Lanes one way from which on a road counts as a highway: houses keep away, and there are none
 between its halves."""
 STOREYS = (1, 6)
 STOREY_M = 3.2
@@ -65,9 +68,10 @@ REACH_M = 80.0  # buildings farther from every recorded pose are left out
 
 
 def build_along(network: Net, seed: int, name: str, lefthand: bool = False) -> pd.DataFrame:
-    """Buildings of the town `name`, columns `BUILDING_COLUMNS`, in the frame of the network. The
-    log is flat, so all stand on z = 0, and none over or under a bridge. `network` was read with its
-    junctions' inner lanes; `lefthand` says that vehicles keep left."""
+    """Place the buildings of town `name`, columns `BUILDING_COLUMNS`, in the frame of the network.
+
+    The log is flat, so all stand on z = 0, and none over or under a bridge. `network` was read with
+    its junctions' inner lanes; `lefthand` says that vehicles keep left."""
     rng = np.random.default_rng(seed)
     roads, polygons = _roads(network)
     edges = sorted(network.getEdges(withInternal=False), key=lambda edge: edge.getID())
@@ -92,7 +96,7 @@ def build_along(network: Net, seed: int, name: str, lefthand: bool = False) -> p
 
 
 def within_reach(buildings: pd.DataFrame, positions: NDArray[np.float64]) -> pd.DataFrame:
-    """Buildings of which some part may be within `REACH_M` of one of `positions`, (F, 2)."""
+    """Select buildings of which some part may be within `REACH_M` of one of `positions`, (F, 2)."""
     distance, _ = cKDTree(positions).query(buildings[["x", "y"]].to_numpy(np.float64))
     radius = np.hypot(buildings["length"], buildings["width"]) / 2
     near = np.asarray(distance) - radius <= REACH_M
@@ -100,7 +104,7 @@ def within_reach(buildings: pd.DataFrame, positions: NDArray[np.float64]) -> pd.
 
 
 def _sides(edge: Edge, ends: set[tuple[str, str]]) -> tuple[int, ...]:
-    """Sides of an edge for buildings: -1 the kerb's, 1 the other, where no traffic comes back."""
+    """Return sides of an edge with buildings: -1 the kerb's, 1 the other without a way back."""
     back = (edge.getToNode().getID(), edge.getFromNode().getID())
     return (-1,) if back in ends or _drive_lanes(edge) >= BROAD else (-1, 1)
 
@@ -118,18 +122,18 @@ def _frontage(
     gaps: tuple[float, float],
     rng: np.random.Generator,
 ) -> list[tuple[float, float, float, float, float]]:
-    """Buildings side by side along one side of an edge: x, y, yaw, half length, half depth."""
+    """Line one side of an edge with buildings: x, y, yaw, half length, half depth."""
     lanes = edge.getLanes()
     lane = lanes[0] if side < 0 else lanes[-1]
     left = -side if lefthand else side
     shape = np.array(lane.getShape(), np.float64)[:, :2]
     steps = np.diff(shape, axis=0)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
-    sidewalk = any(own.allows("pedestrian") and not own.allows("passenger") for own in lanes)
+    sidewalk = any(each.allows("pedestrian") and not each.allows("passenger") for each in lanes)
     lane_count = min(max(_drive_lanes(edge), 1), BROAD)
     street = sidewalk and lane_count < BROAD
     setbacks = SETBACK_M if street else np.multiply(VERGE_M, lane_count)
-    found = []
+    buildings = []
     place = rng.uniform(-lengths[0], gaps[1])
     while place < along[-1]:
         length, depth = rng.uniform(*lengths), rng.uniform(*depths)
@@ -140,15 +144,16 @@ def _frontage(
             yaw = np.arctan2(y1 - y0, x1 - x0)
             out = left * (lane.getWidth() / 2 + setback + depth / 2)
             x, y = (x0 + x1) / 2 - out * np.sin(yaw), (y0 + y1) / 2 + out * np.cos(yaw)
-            found.append((x, y, yaw, length / 2, depth / 2))
+            buildings.append((x, y, yaw, length / 2, depth / 2))
         place += length + rng.uniform(*gaps)
-    return found
+    return buildings
 
 
 def _roads(network: Net) -> tuple[Rectangles, list[NDArray[np.float64]]]:
-    """What is kept free: rectangles, and polygons. Every piece of every lane and crossing, with its
-    width; and the outlines of junctions and walking areas, once as polygons and once as rectangles
-    without width."""
+    """Return the ground that is kept free, as rectangles and polygons.
+
+    Every piece of every lane and crossing, with its width; and the outlines of junctions and
+    walking areas, once as polygons and once as rectangles without width."""
     pieces: list[NDArray[np.float64]] = []
     polygons = [
         np.array(node.getShape(), np.float64)[:, :2]
@@ -174,41 +179,40 @@ def _roads(network: Net) -> tuple[Rectangles, list[NDArray[np.float64]]]:
     return np.column_stack([(start + end) / 2, yaw, half_length, width]), polygons
 
 
-def _pairs(own: Rectangles, others: Rectangles) -> NDArray[np.int64]:
-    """Indices (P, 2) of rectangles of both that meet."""
-    found = [np.empty((0, 2), np.int64)]
-    if len(own) and len(others):
-        radius, radii = (np.hypot(*each[:, 3:].T) for each in (own, others))
+def _pairs(rectangles: Rectangles, others: Rectangles) -> NDArray[np.int64]:
+    """Return indices (P, 2) of rectangles of both that meet."""
+    pairs = [np.empty((0, 2), np.int64)]
+    if len(rectangles) and len(others):
+        radius, radii = (np.hypot(*each[:, 3:].T) for each in (rectangles, others))
         # Long ones are searched on their own, lest their reach makes all others neighbours.
         group = np.digitize(radii, np.quantile(radii, [0.5, 0.9]))
         for members in (np.flatnonzero(group == g) for g in range(3) if (group == g).any()):
             tree, reach = cKDTree(others[members, :2]), radius + radii[members].max()
-            near = tree.query_ball_point(own[:, :2], reach)
-            a = np.repeat(np.arange(len(own)), [len(n) for n in near])
+            near = tree.query_ball_point(rectangles[:, :2], reach)
+            a = np.repeat(np.arange(len(rectangles)), [len(n) for n in near])
             b = members[np.concatenate([np.array(n, np.int64) for n in near])]
-            found.append(np.column_stack([a, b])[rectangles_meet(own[a], others[b])])
-    return np.concatenate(found)
+            pairs.append(np.column_stack([a, b])[rectangles_meet(rectangles[a], others[b])])
+    return np.concatenate(pairs)
 
 
-def _meets_any(own: Rectangles, others: Rectangles) -> NDArray[np.bool_]:
-    """Which rectangles meet one of the others."""
-    return np.isin(np.arange(len(own)), _pairs(own, others)[:, 0])
+def _meets_any(rectangles: Rectangles, others: Rectangles) -> NDArray[np.bool_]:
+    return np.isin(np.arange(len(rectangles)), _pairs(rectangles, others)[:, 0])
 
 
-def _first_come(own: Rectangles) -> NDArray[np.bool_]:
-    """Which rectangles stay if each gives way to those that stay before it."""
-    stays = np.ones(len(own), bool)
-    pairs = _pairs(own, own)
+def _first_come(rectangles: Rectangles) -> NDArray[np.bool_]:
+    """Return a mask of the rectangles that stay if each gives way to those that stay before it."""
+    stays = np.ones(len(rectangles), bool)
+    pairs = _pairs(rectangles, rectangles)
     for a, b in pairs[np.lexsort(pairs.T)]:  # by the later one
         if a < b and stays[a]:
             stays[b] = False
     return stays
 
 
-def _inside_any(own: Rectangles, polygons: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Which have their centre inside a polygon: an odd number of edges to its right."""
-    inside = np.zeros(len(own), bool)
-    x, y = own[:, :1], own[:, 1:2]
+def _inside_any(rectangles: Rectangles, polygons: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
+    """Return a mask of centres inside a polygon: an odd number of its edges is to their right."""
+    inside = np.zeros(len(rectangles), bool)
+    x, y = rectangles[:, :1], rectangles[:, 1:2]
     for polygon in polygons:
         (x0, y0), (x1, y1) = polygon.T, np.roll(polygon, -1, axis=0).T
         straddles = (y0 > y) != (y1 > y)

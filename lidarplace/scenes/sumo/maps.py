@@ -1,4 +1,4 @@
-"""Where the map of a town comes from: generated, a file, or CARLA's by name."""
+"""Maps of towns: generated, a file, or CARLA's by name."""
 
 import contextlib
 import gzip
@@ -21,7 +21,8 @@ IN_PACKAGE, IN_CARLA = "parser/opendrive/carla_maps", "CarlaUE4/Content/Carla/Ma
 
 
 def build_network(town: str, seed: int, folder: Path) -> TownMap:
-    """SUMO network of `town`, which is named as in `SumoScene.towns`; made in `folder` if need be.
+    """Make the SUMO network of `town`, a name as in `SumoScene.towns`, in `folder` if need be.
+
     Raises ImportError without SUMO, ValueError if the map is missing or SUMO cannot read it."""
     if town == GENERATED:
         return TownMap(build_town(seed, folder))
@@ -32,7 +33,7 @@ def build_network(town: str, seed: int, folder: Path) -> TownMap:
 
 
 def _keeps_left(network: Path) -> bool:
-    """Whether a SUMO network says so; what is wrong with the file is said by who reads it."""
+    """Return whether a SUMO network has left-hand traffic; readers report invalid files."""
     with contextlib.suppress(ParseError):
         for _, root in iterparse(network, events=("start",)):
             return bool(root.get("lefthand") == "true")
@@ -40,7 +41,9 @@ def _keeps_left(network: Path) -> bool:
 
 
 def find_map(town: str) -> Path:
-    """File of a town: its path, or that of the CARLA map of this name. Raises ValueError."""
+    """Return the file of a town: its path, or that of the CARLA map of this name.
+
+    Raises ValueError if there is none."""
     path = Path(town) if town.endswith(MAP_SUFFIXES) else find_carla_map(town)
     if not path.is_file():
         raise InputError("no such map file", place=path)
@@ -48,9 +51,10 @@ def find_map(town: str) -> Path:
 
 
 def find_carla_map(name: str) -> Path:
-    """OpenDRIVE file of the CARLA map `name`, such as Town03. Looks in the package `py123d`,
-    without importing it, and then in the installation of CARLA that the environment variable
-    `CARLA_ROOT` names. Raises ValueError if neither has it."""
+    """Return openDRIVE file of the CARLA map `name`, such as Town03.
+
+    Looks in the package `py123d`, without importing it, and then in the installation of CARLA that
+    the environment variable `CARLA_ROOT` names. Raises ValueError if neither has it."""
     spec, root = find_spec(PACKAGE), os.environ.get("CARLA_ROOT")
     package = spec.submodule_search_locations if spec else None
     looked = []
@@ -90,16 +94,17 @@ LANE_TYPES = f"""<types>
 <type id="none" priority="0" speed="1.39" width="1" disallow="all" discard="true"/>
 </types>
 """
-"""Who may use a lane, by its type in OpenDRIVE. Lanes for nobody keep the others in their place.
+"""Users of a lane, by its type in OpenDRIVE. Lanes for nobody keep the others in their place.
 By netconvert's own table sidewalks are left out, or open to cars."""
 
 
 def convert_opendrive(path: Path, folder: Path) -> TownMap:
-    """Convert `path` (`.xodr` or `.xodr.gz`) to a SUMO network in `folder`. x and y stay those of
-    OpenDRIVE, but for a map with left-hand traffic, of which the network is the mirror image. Cars
-    may turn round at dead ends only; lights adapt to traffic; crossings are guessed, and so are
-    sidewalks if the map has none at all. Raises ValueError for what is not OpenDRIVE, or has
-    something that netconvert cannot read."""
+    """Convert `path` (`.xodr` or `.xodr.gz`) to a SUMO network in `folder`.
+
+    x and y stay those of OpenDRIVE, but for a map with left-hand traffic, of which the network is
+    the mirror image. Cars may turn round at dead ends only; lights adapt to traffic; crossings are
+    guessed, and so are sidewalks if the map has none at all. Raises ValueError for what is not
+    OpenDRIVE, or has something that netconvert cannot read."""
     root = read_opendrive(path)
     lefthand = drives_left(root, path)
     if lefthand:
@@ -120,9 +125,9 @@ def convert_opendrive(path: Path, folder: Path) -> TownMap:
     ]
     if not any(lane.get("type") in SIDEWALKS for lane in root.iter("lane")):
         command += ["--sidewalks.guess", "--sidewalks.guess.max-speed", str(SPEED_M_S)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0 or not network.is_file():
-        errors = [line for line in done.stderr.splitlines() if line.startswith("Error")]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode != 0 or not network.is_file():
+        errors = [line for line in result.stderr.splitlines() if line.startswith("Error")]
         message = " ".join((errors or ["Error: no network came out"])[0].split())
         raise InputError(f"not an OpenDRIVE map: netconvert: {message}", place=path)
     return TownMap(network, mirrored=lefthand)
@@ -133,9 +138,10 @@ RULES = ("RHT", "LHT")
 
 
 def read_opendrive(path: Path) -> Element:
-    """The tree of `path` (`.xodr` or `.xodr.gz`), without namespaces. Centre lanes without a type
-    get "none": they have no width, and OpenDRIVE 1.8 has them so. Raises ValueError for no
-    OpenDRIVE, a lane without id or type, or a direct junction."""
+    """Read the tree of `path` (`.xodr` or `.xodr.gz`), without namespaces.
+
+    Centre lanes without a type get "none": they have no width, and OpenDRIVE 1.8 has them so.
+    Raises ValueError for no OpenDRIVE, a lane without id or type, or a direct junction."""
     with reading(path, "a gzip file", gzip.BadGzipFile, EOFError, zlib.error):
         data = regular(path).read_bytes()
         data = gzip.decompress(data) if path.suffix == ".gz" else data
@@ -156,14 +162,16 @@ def read_opendrive(path: Path) -> Element:
         for lane in road.iter("lane"):
             for name in ("id", "type"):
                 if name not in lane.attrib:
-                    which = f"lane {lane.get('id')}" if name == "type" else "a lane"
+                    label = f"lane {lane.get('id')}" if name == "type" else "a lane"
                     place = f"{path}: road {road.get('id')}"
-                    raise InputError(f"{which} has no {name}", place=place)
+                    raise InputError(f"{label} has no {name}", place=place)
     return root
 
 
 def drives_left(root: Element, path: Path) -> bool:
-    """Whether a map has left-hand traffic. Raises ValueError for unknown or different rules."""
+    """Return whether a map has left-hand traffic.
+
+    Raises ValueError for unknown or different rules."""
     first: dict[str, str | None] = {}
     for road in root.iter("road"):
         rule = road.get("rule", RULES[0])
@@ -172,7 +180,7 @@ def drives_left(root: Element, path: Path) -> bool:
             raise InputError(place=place, key="rule", expected=expected, found=repr(rule))
         first.setdefault(rule, road.get("id"))
     if len(first) > 1:
-        found = f"road {first['LHT']} with rule LHT, road {first['RHT']} with RHT or none"
+        roads = f"road {first['LHT']} with rule LHT, road {first['RHT']} with RHT or none"
         expected = "either left-hand or right-hand traffic"
-        raise InputError(place=path, expected=expected, found=found)
+        raise InputError(place=path, expected=expected, found=roads)
     return "LHT" in first

@@ -54,13 +54,13 @@ def _negate(element: Element, name: str) -> None:
 
 
 def mirror_log(log: BoxLog) -> BoxLog:
-    """The mirror image of a log: objects, poses and buildings."""
+    """Mirror the objects, poses and buildings of a log."""
     boxes, buildings = (_mirrored(table, "y", "yaw") for table in (log.boxes, log.buildings))
     frames = _mirrored(log.frames, "ego_y", "ego_yaw")
     return replace(log, boxes=boxes, frames=frames, buildings=buildings)
 
 
 def _mirrored(table: pd.DataFrame, y: str, yaw: str) -> pd.DataFrame:
-    """Angles are in (-pi, pi] and stay there."""
+    """Mirror the columns `y` and `yaw`; angles stay in (-pi, pi]."""
     turned = (-table[yaw]).where(table[yaw] != np.pi, np.pi)
     return table.assign(**{y: -table[y], yaw: turned})

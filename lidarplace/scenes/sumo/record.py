@@ -40,7 +40,7 @@ _COUNTS = {"source", "towns", "test_towns", "test_seed", "routes", "test_routes"
 
 
 def choose_egos(traffic: Trajectories, count: int) -> list[int]:
-    """Indices of `count` of the cars that were on the road all the time, sorted.
+    """Return indices of `count` of the cars that were on the road all the time, sorted.
 
     Frames of one road user are alike, so egos are added one after the other, each the one that most
     increases the sum over all road users of ln(1 + frames in which an ego meets them). The sum is
@@ -70,12 +70,12 @@ def choose_egos(traffic: Trajectories, count: int) -> list[int]:
 
 
 def frames_met(traffic: Trajectories, ego: int) -> NDArray[np.int64]:
-    """In how many frames each road user is within `MEETS_M` of the ego; shape (U,)."""
+    """Count the frames in which each road user is within `MEETS_M` of the ego; shape (U,)."""
     return np.asarray(_near(traffic, ego, MEETS_M).sum(axis=0))
 
 
 def _near(traffic: Trajectories, ego: int, distance: float) -> NDArray[np.bool_]:
-    """Who else is so near to the ego, and on its level, at each step; shape (F, U)."""
+    """Return a mask of others within `distance` of the ego and on its level, by step; (F, U)."""
     x, y = (traffic.pose[:, :, :2] - traffic.pose[:, ego : ego + 1, :2]).transpose(2, 0, 1)
     near: NDArray[np.bool_] = np.hypot(x, y) <= distance  # False where NaN
     near &= np.abs(traffic.z - traffic.z[:, ego : ego + 1]) <= LEVEL_M
@@ -84,7 +84,7 @@ def _near(traffic: Trajectories, ego: int, distance: float) -> NDArray[np.bool_]
 
 
 def record(scene: SumoScene) -> BoxLog:
-    """Simulate the towns of `scene` and log what surrounds its egos. Raises as `record_town`."""
+    """Simulate the towns of `scene` and log what surrounds its egos; raise as `record_town`."""
     return join_logs([record_town(scene, run) for run in scene.town_runs()])
 
 
@@ -129,7 +129,7 @@ def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
 
 
 def drive(scene: SumoScene, run: TownRun) -> tuple[Net, TownMap, Trajectories]:
-    """The road network of a town run, what is to know of it, and its traffic."""
+    """Simulate a town run; return its road network, what is to know of it, and its traffic."""
     from sumolib.net import readNet
 
     demand_seed, driving = np.random.SeedSequence(run.traffic_seed).spawn(2)
@@ -144,13 +144,14 @@ def drive(scene: SumoScene, run: TownRun) -> tuple[Net, TownMap, Trajectories]:
 
 
 def moved(position: NDArray[np.float64], distance: float) -> NDArray[np.int64]:
-    """Steps at which something at `position`, (F, 2), is `distance` from where it last was kept;
-    the first is always among them."""
-    kept = [0]
+    """Select the steps at which something is `distance` from where it last was selected.
+
+    `position` has shape (F, 2); the first step is always among them."""
+    steps = [0]
     for step, place in enumerate(position):
-        if step and math.dist(place, position[kept[-1]]) >= distance:
-            kept.append(step)
-    return np.array(kept, np.int64)
+        if step and math.dist(place, position[steps[-1]]) >= distance:
+            steps.append(step)
+    return np.array(steps, np.int64)
 
 
 def boxes_around(
@@ -161,9 +162,10 @@ def boxes_around(
     run: TownRun,
     first_frame: int,
 ) -> pd.DataFrame:
-    """Boxes within `KEEP_M` of the ego and on its level at `steps`, in its frame. Of two that
-    overlap the smaller is left out: SUMO lets some road users brush each other where lanes and
-    crossings meet, about one pair in twenty frames of a whole town."""
+    """Return boxes within `KEEP_M` of the ego and on its level at `steps`, in its frame.
+
+    Of two that overlap the smaller is left out: SUMO lets some road users brush each other where
+    lanes and crossings meet, about one pair in twenty frames of a whole town."""
     near = _near(traffic, ego, KEEP_M)
     area = np.array([u.length * u.width for u in traffic.users])
     area[ego] = np.inf
@@ -190,7 +192,7 @@ def boxes_around(
 
 
 def _wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same angles in (-pi, pi]."""
+    """Turn angles into (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
@@ -203,12 +205,14 @@ class TownRecording:
     map: str | None  # SHA-256 of the town's map; None for a generated town
 
     def record(self) -> BoxLog:
-        """Simulate it. Raises as `record_town` does."""
+        """Simulate it; raise as `record_town` does."""
         return record_town(self.scene, self.run)
 
 
 def town_parts(scene: SumoScene) -> list[ScenePart]:
-    """The simulations of a scene that have routes, training first. ValueError: a map is missing."""
+    """List the simulations of a scene that have routes, training first.
+
+    Raises ValueError if a map is missing."""
     # Left out is what only says which runs there are: more towns leave these as they are.
     settings = SumoScene.model_validate(scene.model_dump(mode="json", exclude=_COUNTS))
     return [
@@ -223,7 +227,6 @@ def town_parts(scene: SumoScene) -> list[ScenePart]:
 
 
 def _map_digest(town: str) -> str | None:
-    """Hash of the map's content, None for a generated town."""
     if town == GENERATED:
         return None
     path = find_map(town)

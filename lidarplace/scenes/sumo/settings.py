@@ -82,7 +82,7 @@ class SumoScene(RouteSettings):
     )
 
     def town_runs(self) -> tuple[TownRun, ...]:
-        """The simulations of the scene, training first; each can be recorded on its own.
+        """List the simulations of the scene, training first; each can be recorded on its own.
 
         Routes and frames are numbered through the whole scene, before anything is recorded."""
         tests = self.towns if self.test_towns is None else self.test_towns
@@ -119,7 +119,7 @@ class SumoScene(RouteSettings):
         return tuple(runs)
 
     def frame_counts(self) -> tuple[int, int]:
-        """Number of training and of test frames; upper bounds with `min_travel_m`."""
+        """Count training and test frames; upper bounds with `min_travel_m`."""
         runs = self.town_runs()
         train, test = (sum(r.routes for r in runs if r.part == p) for p in ("train", "test"))
         if self.split == "route":
@@ -133,7 +133,7 @@ class SumoScene(RouteSettings):
         return f"sumo-{self.seed}"
 
     def remedy(self, split: str) -> str:
-        """What to change if there is no frame of a split."""
+        """Say what to change if there is no frame of a split."""
         if self.split == "route":
             return f"test_routes is {self.test_routes}, allowed is at least 1"
         why = "'split: paper' takes every tenth frame of a route, so allowed is at least 10"

@@ -28,22 +28,23 @@ class TownMap(NamedTuple):
 
 
 def sumo_home() -> Path:
-    """Folder of the installed Eclipse SUMO. Raises ImportError: SUMO is not installed."""
+    """Return the folder of the installed Eclipse SUMO; raise ImportError without it."""
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # libsumo greets with a remark on pyarrow
             import libsumo  # noqa: F401
         import sumo
         import sumolib  # noqa: F401
     except ModuleNotFoundError as error:
-        told = needs(error) or f"needs the package {error.name}"
-        raise ModuleNotFoundError(f"simulated traffic {told}", name=error.name) from error
+        problem = needs(error) or f"needs the package {error.name}"
+        raise ModuleNotFoundError(f"simulated traffic {problem}", name=error.name) from error
     return Path(sumo.SUMO_HOME)
 
 
 def build_town(seed: int, folder: Path) -> Path:
-    """Generate the town of `seed` and return the SUMO network file in `folder`. Every junction has
-    at least two arms, so no street is a dead end. Raises ImportError without SUMO, RuntimeError
-    with netgenerate's message."""
+    """Generate the town of `seed` and return the SUMO network file in `folder`.
+
+    Every junction has at least two arms, so no street is a dead end. Raises ImportError without
+    SUMO, RuntimeError with netgenerate's message."""
     home = sumo_home()
     rng = np.random.default_rng(seed)
     length_x, length_y = rng.uniform(*BLOCK_M, size=2)
@@ -62,7 +63,7 @@ def build_town(seed: int, folder: Path) -> Path:
         *("--default.bikelane-width", "1.5"),
         *("--xml-validation", "never", "--no-warnings"),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise RuntimeError(f"netgenerate failed: {done.stderr.strip()}")
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode != 0:
+        raise RuntimeError(f"netgenerate failed: {result.stderr.strip()}")
     return network

@@ -1,4 +1,4 @@
-"""Who is on the road: kinds of objects, their sizes, and where they start."""
+"""Road users of a town: kinds of objects, their sizes, and where they start."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ class RoadUser(NamedTuple):
 
 
 def cars_among(density: int) -> int:
-    """Number of cars among `density` vehicles."""
+    """Count the cars among `density` vehicles."""
     return sum(kind is CAR for kind in _kinds(density))
 
 
 def _kinds(density: int) -> list[Kind]:
-    """The kind of every vehicle: shares by largest remainder, so a car comes first."""
+    """Return the kind of every vehicle: shares by largest remainder, so a car comes first."""
     quotas = [kind.share * density for kind in VEHICLES]
     counts = [int(quota) for quota in quotas]
     by_remainder = sorted(range(len(VEHICLES)), key=lambda k: counts[k] - quotas[k])
@@ -78,10 +78,11 @@ class Demand(NamedTuple):
 def write_demand(
     network: Net, scene: SumoScene, rng: np.random.Generator, town: str, path: Path
 ) -> Demand:
-    """Write SUMO's route file of the vehicles and pedestrians of `scene` to `path`. Everybody
-    starts at once and wanders at random for longer than the simulation, so that nobody leaves.
-    `network` was read with its pedestrian connections; `town` names it in errors. Raises ValueError
-    if there are no lanes or no sidewalks on which to wander without end."""
+    """Write SUMO's route file of the vehicles and pedestrians of `scene` to `path`.
+
+    Everybody starts at once and wanders at random for longer than the simulation, so that nobody
+    leaves. `network` was read with its pedestrian connections; `town` names it in errors. Raises
+    ValueError if there are no lanes or no sidewalks on which to wander without end."""
     drives = {kind.sumo_class: drive_graph(network, kind.sumo_class) for kind in VEHICLES}
     foot = foot_graph(network, WALK_M_S)
     users: list[RoadUser] = []
@@ -98,18 +99,19 @@ def write_demand(
         graph = foot if kind is PEDESTRIAN else drives[kind.sumo_class]
         if not graph.edges:
             if kind is PEDESTRIAN:
-                problem, found = "no sidewalks that lead on and on", scene.pedestrians
-                raise InputError(problem, place=town, key="pedestrians", expected=0, found=found)
+                problem, key = "no sidewalks that lead on and on", "pedestrians"
+                asked_for = scene.pedestrians
+                raise InputError(problem, place=town, key=key, expected=0, found=asked_for)
             raise InputError(f"no lanes that lead a {kind.name} on and on", place=town)
         start = graph.anywhere(rng)
         edges = " ".join(graph.walk(SPARE * scene.seconds, rng, start))
-        own = {"id": user.id, "type": user.id, "depart": "0"}
+        start_of = {"id": user.id, "type": user.id, "depart": "0"}
         if kind is PEDESTRIAN:
-            person = ElementTree.SubElement(root, "person", own, departPos="random")
+            person = ElementTree.SubElement(root, "person", start_of, departPos="random")
             ElementTree.SubElement(person, "walk", edges=edges)
         else:
-            own["departLane"] = graph.keys[start].rpartition("_")[2]
-            vehicle = ElementTree.SubElement(root, "vehicle", own, departPos="random_free")
+            start_of["departLane"] = graph.keys[start].rpartition("_")[2]
+            vehicle = ElementTree.SubElement(root, "vehicle", start_of, departPos="random_free")
             ElementTree.SubElement(vehicle, "route", edges=edges)
     ElementTree.ElementTree(root).write(path)
     return Demand(sorted(users, key=lambda user: user.id), drives)

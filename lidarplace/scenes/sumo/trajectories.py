@@ -26,8 +26,7 @@ PATIENCE_S = 30.0
 
 @dataclass(frozen=True)
 class Trajectories:
-    """Where every road user was at every recorded step, in the town's frame; NaN while off the
-    road."""
+    """Places of road users at every recorded step, in the town's frame; NaN while off the road."""
 
     users: list[RoadUser]  # sorted by id; U of them
     time_s: NDArray[np.float64]  # seconds since the end of the warm-up, shape (F,)
@@ -40,6 +39,7 @@ def simulate(
     scene: SumoScene, network: Path, demand: Demand, routes: Path, seed: int
 ) -> Trajectories:
     """Run the traffic of `demand`, written to `routes`, and record `scene.frames_per_route` steps.
+
     Raises ValueError if the town has no room for so many vehicles, or SUMO cannot read the network,
     RuntimeError if a simulation already runs in this process: SUMO has room for one."""
     import libsumo
@@ -98,13 +98,13 @@ def _command(network: Path, routes: Path, seed: int) -> list[str]:
 def _silent() -> Iterator[None]:
     """Send what C++ code writes to standard output and error to nowhere; errors are raised."""
     null = os.open(os.devnull, os.O_WRONLY)
-    kept = [os.dup(stream) for stream in (1, 2)]
+    copies = [os.dup(stream) for stream in (1, 2)]
     try:
         for stream in (1, 2):
             os.dup2(null, stream)
         yield
     finally:
-        for stream, copy in zip((1, 2), kept, strict=True):
+        for stream, copy in zip((1, 2), copies, strict=True):
             os.dup2(copy, stream)
             os.close(copy)
         os.close(null)

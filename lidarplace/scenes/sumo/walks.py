@@ -37,7 +37,9 @@ class WalkGraph:
     index: dict[Any, int]  # number of the state by its key
 
     def walk(self, seconds: float, rng: np.random.Generator, start: int) -> Iterator[str]:
-        """Ids of connected edges from state `start` on, for at least `seconds` after the first."""
+        """Yield ids of connected edges from state `start` on.
+
+        They take at least `seconds` after the first."""
         state = start
         yield self.edges[state]
         while seconds > 0:
@@ -47,15 +49,16 @@ class WalkGraph:
             yield self.edges[state]
 
     def anywhere(self, rng: np.random.Generator) -> int:
-        """A state to start from, the more room it has beyond `START_M` the likelier."""
+        """Draw a state to start from, the more room it has beyond `START_M` the likelier."""
         ends = np.cumsum(np.maximum(np.array(self.length) - START_M, 0.01))
         return int(np.searchsorted(ends, rng.uniform(0, ends[-1]), side="right"))
 
 
 def drive_graph(network: Net, sumo_class: str) -> WalkGraph:
-    """The lanes that vehicles of `sumo_class` may use. A vehicle may leave an edge of `CHANGE_M` or
-    more from any of its lanes, a shorter one from the lane on which it came. Turning round is left
-    to dead ends."""
+    """Build the graph of the lanes that vehicles of `sumo_class` may use.
+
+    A vehicle may leave an edge of `CHANGE_M` or more from any of its lanes, a shorter one from the
+    lane on which it came. Turning round is left to dead ends."""
     every = (lane for edge in _edges(network) for lane in edge.getLanes())
     lanes = [lane for lane in every if lane.allows(sumo_class)]
     onward = {lane.getID(): _onward(lane, sumo_class) for lane in lanes}
@@ -63,16 +66,17 @@ def drive_graph(network: Net, sumo_class: str) -> WalkGraph:
     for lane in lanes:
         edge = lane.getEdge()
         states[lane.getID()] = (edge.getID(), lane.getLength(), lane.getSpeed())
-        beside = edge.getLanes() if edge.getLength() >= CHANGE_M else [lane]
-        found = {way for other in beside for way in onward.get(other.getID(), ())}
-        ahead = {target for target, back in found if not back}
-        ways[lane.getID()] = ahead or {target for target, _ in found}
+        exits = edge.getLanes() if edge.getLength() >= CHANGE_M else [lane]
+        targets = {way for other in exits for way in onward.get(other.getID(), ())}
+        ahead = {target for target, back in targets if not back}
+        ways[lane.getID()] = ahead or {target for target, _ in targets}
     return _component(states, ways)
 
 
 def foot_graph(network: Net, speed: float) -> WalkGraph:
-    """The sidewalks, both ways, as walking areas and crossings join them; `speed` in m/s. Needs a
-    network that was read with its pedestrian connections."""
+    """Build the graph of sidewalks, both ways, as walking areas and crossings join them.
+
+    Needs a network that was read with its pedestrian connections."""
     joined = _joined_areas(network)
     states: dict[Any, tuple[str, float, float]] = {}
     first: dict[Any, int] = {}
@@ -98,12 +102,12 @@ def foot_graph(network: Net, speed: float) -> WalkGraph:
 
 
 def _edges(network: Net) -> list[Edge]:
-    """Edges that are no part of a junction, sorted by id."""
+    """Return edges that are no part of a junction, sorted by id."""
     return sorted(network.getEdges(withInternal=False), key=lambda edge: edge.getID())
 
 
 def _onward(lane: Lane, sumo_class: str) -> set[tuple[str, bool]]:
-    """Lanes that connections lead to from `lane`, and whether by turning round."""
+    """Return lanes that connections lead to from `lane`, and whether by turning round."""
     return {
         (way.getToLane().getID(), way.getDirection() == TURNAROUND)
         for way in lane.getOutgoing()
@@ -112,7 +116,7 @@ def _onward(lane: Lane, sumo_class: str) -> set[tuple[str, bool]]:
 
 
 def _joined_areas(network: Net) -> dict[str, int]:
-    """Walking areas and crossings by id; equal numbers where crossings of a junction join them."""
+    """Number walking areas and crossings by id, equally where crossings of a junction join them."""
     edges = network.getEdges()
     areas = sorted(e.getID() for e in edges if e.getFunction() in ("walkingarea", "crossing"))
     index = {name: a for a, name in enumerate(areas)}
@@ -127,8 +131,9 @@ def _joined_areas(network: Net) -> dict[str, int]:
 
 
 def _component(states: dict[Any, tuple[str, float, float]], ways: dict[Any, set[Any]]) -> WalkGraph:
-    """The longest strongly connected component; states are (edge, length, speed) by key. A single
-    state counts only if it leads to itself, so the component may be empty."""
+    """Return the longest strongly connected component; states are (edge, length, speed) by key.
+
+    A single state counts only if it leads to itself, so the component may be empty."""
     keys = sorted(states)
     index = {key: k for k, key in enumerate(keys)}
     arcs = [(index[key], index[way]) for key in keys for way in sorted(ways[key]) if way in index]
@@ -137,21 +142,22 @@ def _component(states: dict[Any, tuple[str, float, float]], ways: dict[Any, set[
     leads_on = np.zeros(len(keys), bool)
     leads_on[[a for a, b in arcs if labels[a] == labels[b]]] = True
     totals = np.bincount(labels, weights=length * leads_on) if len(keys) else np.zeros(1)
-    kept = np.flatnonzero((labels == totals.argmax()) & leads_on)
-    new = {int(old): k for k, old in enumerate(kept)}
-    following: list[list[int]] = [[] for _ in kept]
+    members = np.flatnonzero((labels == totals.argmax()) & leads_on)
+    new = {int(old): k for k, old in enumerate(members)}
+    following: list[list[int]] = [[] for _ in members]
     for a, b in arcs:
         if a in new and b in new:
             following[new[a]].append(new[b])
-    chosen = [states[keys[k]] for k in kept]
-    own = [keys[k] for k in kept]
+    chosen = [states[keys[k]] for k in members]
+    keys = [keys[k] for k in members]
     edges, metres = [edge for edge, _, _ in chosen], [length for _, length, _ in chosen]
     seconds = [length / speed for _, length, speed in chosen]
-    return WalkGraph(own, edges, following, metres, seconds, {key: n for n, key in enumerate(own)})
+    return WalkGraph(
+        keys, edges, following, metres, seconds, {key: n for n, key in enumerate(keys)}
+    )
 
 
 def _components(nodes: int, arcs: list[tuple[int, int]], connection: str) -> NDArray[np.int32]:
-    """Label of every node's connected component."""
     start, end = np.array(arcs, np.int64).reshape(-1, 2).T
     matrix = coo_array((np.ones(len(arcs), np.int8), (start, end)), shape=(nodes, nodes))
     return np.asarray(connected_components(matrix, connection=connection)[1])

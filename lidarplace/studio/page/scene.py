@@ -59,7 +59,7 @@ class Scene:
         self._boxes_as_lines(f"{below}/roi", box, style.OUTLINE, 1.0)
 
     def _vehicle(self, below: str) -> None:
-        body, mesh, kept = self._file.vehicle, self._file.vehicle.mesh, self._file.keep_out
+        body, mesh, kept = self._file.vehicle, self._file.vehicle.mesh, self._file.limits.keep_out
         own: dict[str, Any] = {"color": (120, 130, 142), "opacity": 1.0, "flat_shading": True}
         if len(body.boxes):
             self._mesh(f"{below}/vehicle", *triangles(between(body.boxes)), **own)

@@ -9,7 +9,7 @@ import pandas as pd
 
 from lidarplace.studio.numbers import Numbers
 from lidarplace.studio.studio import Studio
-from lidarplace.studio.violations import Violation
+from lidarplace.studio.violations import ReportedViolation
 from lidarplace.studio.why_unseen import AimedRays
 
 DASH = "–"
@@ -77,7 +77,7 @@ def left_out(studio: Studio) -> str:
     )
 
 
-def violations_list(found: Sequence[Violation]) -> str:
+def violations_list(found: Sequence[ReportedViolation]) -> str:
     """What is not kept, or that all is."""
     if not found:
         return _box("✓ all constraints are kept", f"; {_APART}; color:#2b8a3e")

@@ -10,7 +10,7 @@ from lidarplace import Lidar, Mount, Placement
 from lidarplace.mounting.outline import outline
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import default_curves
-from lidarplace.requirements.judge import judge
+from lidarplace.requirements.check_requirements import check_requirements
 from lidarplace.requirements.layout import lay_out
 from lidarplace.requirements.presets.read import PRESETS, preset, preset_file
 from lidarplace.requirements.settings import Requirements
@@ -41,7 +41,7 @@ def test_each_is_drawn_where_its_numbers_say(name):
     for settings in requirements_of(name):
         assert settings.where.preset == name
         wanted = settings.requirement(TRUCK, default_curves())
-        (outcome,) = judge([lay_out(wanted, TRUCK)], RIG, TRUCK)
+        (outcome,) = check_requirements([lay_out(wanted, TRUCK)], RIG, TRUCK)
         row = case_table([outcome]).assign(rig=RIG.name).iloc[0].to_dict()
         ground = Ground.of(outcome)
         figure = requirement_map(row, ground, RIG.name, RIG.mounts, outline(TRUCK))

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from lidarplace.studio.best_pose import Limits
+from lidarplace.studio.best_pose import KeptLimits
 from lidarplace.studio.rig import posed
 from tests.lidarplace.requirements.brute_force import hits_of
 from tests.lidarplace.studio import rigs
@@ -39,7 +39,7 @@ def fewest_points(studio, laid):
 
 def test_an_improvement_keeps_a_requirement_that_was_met(tmp_path):
     kept = studio_of(tmp_path, requirements=[NEAR])
-    (laid,) = kept.file.laid
+    (laid,) = kept.file.layouts
     assert fewest_points(kept, laid) >= 4
     found = kept.improve(0)
     assert found.after == kept.numbers().mean_recall > found.before
@@ -90,12 +90,12 @@ def test_a_constraint_of_another_lidar_is_kept_as_well(tmp_path):
         constraints={"distance": 0.5},
         keep_out={"rack": {"x": [-0.2, 0.2], "y": [-1, 1], "z": [1.6, 1.9]}},
     )
-    limits, rig = Limits(studio.rig, studio.file), studio.rig
+    limits, rig = KeptLimits(studio.rig, studio.file), studio.rig
     assert limits.broken_by(rig) == ()
     assert limits.broken_by(posed(rig, 0, x=0.1)) == ("keep_out",)
     assert limits.broken_by(posed(rig, 0, x=-0.3, z=1.95)) == ("distance",)
     assert limits.broken_by(posed(rig, 0, x=3.0)) == ("zone",)
-    late = Limits(posed(rig, 0, x=3.0), studio.file)
+    late = KeptLimits(posed(rig, 0, x=3.0), studio.file)
     assert late.broken_by(posed(rig, 0, x=4.0)) == ()  # was broken before
 
 

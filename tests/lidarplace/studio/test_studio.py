@@ -87,25 +87,25 @@ def test_violations_say_where_and_by_how_much(tmp_path):
     text += "keep_out: {hatch: {x: [-0.2, 0.2], y: [-0.9, -0.3], z: [1.6, 1.85]}}\n"
     studio = studio_of(tmp_path, text)
     studio.pose(0, y=1.0, z=2.1)  # 0.3 m and 0.1 m outside of the zone
-    found = {(v.constraint, v.lidars): v.excess for v in studio.violations()}
+    found = {(v.limit, v.lidars): v.excess for v in studio.violations()}
     assert found["zone", (0,)] == pytest.approx(math.hypot(0.3, 0.1))
     assert found["keep_out", (1,)] == pytest.approx(0.05)
     assert math.isnan(found["price", ()])  # the file's own LiDAR has no price
     assert found["body_share", (1,)] > 0.1  # what is kept out hides the view as the body does
     studio.pose(0, x=0.0, y=-0.2, z=1.8)
-    assert {v.constraint: v.excess for v in studio.violations()}["distance"] == pytest.approx(0.1)
+    assert {v.limit: v.excess for v in studio.violations()}["distance"] == pytest.approx(0.1)
     studio.pose(1, x=0.0, y=0.0, z=1.0)
-    assert {v.constraint: v.excess for v in studio.violations()}["body"] == pytest.approx(0.5)
+    assert {v.limit: v.excess for v in studio.violations()}["body"] == pytest.approx(0.5)
     for number in (0, 1):
         studio.model(number, "vlp16")
     assert studio.totals()["Price"] == 8
-    excess = {v.constraint: v.excess for v in studio.violations()}
+    excess = {v.limit: v.excess for v in studio.violations()}
     assert excess["price"] == 5
     watts = 2 * datasheet("vlp16").power_w
     assert studio.totals()["Power, W"] == watts
     assert excess["power"] == watts - 10
     studio.model(1, "hdl64e")  # of which the file tells no price
-    (price,) = [v.text for v in studio.violations() if v.constraint == "price"]
+    (price,) = [v.text for v in studio.violations() if v.limit == "price"]
     assert price == "price: of hdl64e it is not known"
     assert all(v.text for v in studio.violations())
 
@@ -133,7 +133,7 @@ requirements:
     assert ground.share == len(few) / len(outcome.positions.points)
     assert ground.edge == 0.9
     (found,) = studio.violations()
-    assert (found.constraint, found.excess) == ("requirement", 4 - outcome.worst.value)
+    assert (found.limit, found.excess) == ("requirement", 4 - outcome.worst.value)
     assert "somebody near: 0 points, 4 short of 4; worst at x" in found.text
     assert studio.outcomes() is studio.outcomes()  # is worked out once a rig
     studio.enable(0, False)
@@ -150,7 +150,7 @@ def test_two_in_one_place_are_told_and_not_measured_and_a_lidar_snaps_onto_its_z
     studio.pose(0, x=3.0, y=0.2, z=1.0)
     studio.snap(0)
     assert studio.rig.pose(0) | {"x": 1.0, "y": 0.2, "z": 1.6} == studio.rig.pose(0)
-    assert not [v for v in studio.violations() if v.constraint == "zone"]
+    assert not [v for v in studio.violations() if v.limit == "zone"]
 
 
 def test_several_rigs_stand_side_by_side(studio):
@@ -281,8 +281,8 @@ def test_evaluations_are_judged_by_the_generalist_of_the_package(tmp_path, scene
     assert studio.evaluation(path, scene) == Path("runs/evaluation")
     _, plan = read_plan(path)
     assert {trial.grid_point.point.placement for trial in plan.trials} == {"roof", "one"}
-    assert {trial.learns.stage for trial in plan.trials} == {"pretrained"}
-    rays = [sum(own.rays for own in t.collect_test[0].params.placement.lidars) for t in plan.trials]
+    assert {trial.learns.stage.name for trial in plan.trials} == {"pretrained"}
+    rays = [sum(own.rays for own in t.collect_test[0].stage.placement.lidars) for t in plan.trials]
     assert 0.5 * MOST_RAYS < max(rays) <= 1.01 * MOST_RAYS
     path.write_text(path.read_text() + "training: {score_threshold: 0.2}\n")
     studio.pose(0, x=0.3)
@@ -298,7 +298,7 @@ def test_evaluations_are_judged_by_the_generalist_of_the_package(tmp_path, scene
     path.write_text("judge: generalist\ngeneralist: {rigs: 5}\n")
     studio.evaluation(path, scene)
     _, plan = read_plan(path)
-    assert {trial.learns.stage for trial in plan.trials} == {"pretrain"}
+    assert {trial.learns.stage.name for trial in plan.trials} == {"pretrain"}
 
 
 def test_what_a_sweep_has_found_is_read_from_its_folder(tmp_path):
@@ -401,7 +401,7 @@ def test_one_more_goes_where_it_finds_most(studio):
     assert found.after == studio.numbers().mean_recall > before
     assert found.after >= best - 1e-3  # the search is local
     assert len(studio.rig.lidars) == 3
-    assert not [v for v in studio.violations() if v.constraint != "price"]
+    assert not [v for v in studio.violations() if v.limit != "price"]
     assert studio.undo()
     assert len(studio.rig.lidars) == 2
     studio.add_best("vlp16")
@@ -424,7 +424,7 @@ def test_the_example_keeps_its_own_constraints():
     file = read_rigs(Path(__file__).parents[3] / "examples/studio.yaml")
     assert [len(rig.lidars) for rig in file.rigs] == [0, 4]
     assert not [found for rig in file.rigs for found in violations(rig, file)]
-    names = [own.requirement.name for own in file.laid]
+    names = [own.requirement.name for own in file.layouts]
     assert names == ["a child ahead", "cyclists in the next lanes"]
 
 
@@ -442,7 +442,7 @@ placements:
     cameras: [{name: rear, x: -1.7, z: 1.6, yaw_deg: 180, model: a2d2_front_camera, price: 15}]
 """
     studio = studio_of(tmp_path, text)
-    found = {one.constraint: one for one in studio.violations()}
+    found = {one.limit: one for one in studio.violations()}
     assert set(found) == {"common_view", "facing", "price"}
     assert found["facing"].lidars == (0, 1)
     assert found["facing"].text == "LiDARs 0 and 1: look into each other"
@@ -451,6 +451,6 @@ placements:
     assert len(found["common_view"].lidars) == 1
     assert found["common_view"].excess > 0
     studio.pose(1, z=2.2)
-    assert "facing" not in {one.constraint for one in studio.violations()}
+    assert "facing" not in {one.limit for one in studio.violations()}
     assert studio.file.text_with(studio.rigs).count("a2d2_front_camera") == 1
     assert studio.too_little("sensors on a child").sensors.max() == 2

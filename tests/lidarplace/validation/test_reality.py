@@ -9,7 +9,7 @@ import pytest
 
 from lidarplace.configuration.correction import read_correction
 from lidarplace.validation.comparison import log_ratio
-from lidarplace.validation.fit import Problem
+from lidarplace.validation.fit import FitData
 from lidarplace.validation.shadow import shadows
 from lidarplace.validation.simulation import Returns
 
@@ -30,7 +30,7 @@ def objects() -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def problem(objects: pd.DataFrame) -> tuple[Problem, Returns, np.ndarray]:
+def problem(objects: pd.DataFrame) -> tuple[FitData, Returns, np.ndarray]:
     own = objects.reset_index(drop=True)
     zeros = np.zeros(len(own), np.int64)
     returns = Returns(
@@ -38,7 +38,7 @@ def problem(objects: pd.DataFrame) -> tuple[Problem, Returns, np.ndarray]:
         own["simulated"].to_numpy(float), own["distance"].to_numpy(float),
     )  # fmt: skip
     shares = np.ones(len(own))
-    return Problem.of(own, returns, shares), returns, shares
+    return FitData.of(own, returns, shares), returns, shares
 
 
 def test_the_fit_on_three_logs_corrects_the_fourth(objects):

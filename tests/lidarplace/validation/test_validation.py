@@ -14,10 +14,10 @@ from lidarplace.commands.validate import app
 from lidarplace.configuration.correction import read_correction
 from lidarplace.configuration.vehicle import read_vehicle
 from lidarplace.logs.box_log import read_box_log, write_box_log
+from lidarplace.validation.decision import decide
 from lidarplace.validation.page import with_world
 from lidarplace.validation.simulation import Recording, simulate
 from lidarplace.validation.validation import validate
-from lidarplace.validation.verdict import verdict
 from tests.lidarplace.validation.vehicle import NAMES, NOTHING, REAL, RIG, recorded
 from tests.other_simulator import write_log
 from tests.refused import refused
@@ -63,7 +63,7 @@ def test_it_is_judged_on_routes_that_it_was_not_fitted_to(found):
     assert every.loc["corrected", "spread"] < 0.3 < every.loc["shipped", "spread"]
     assert len(found.fits) == found.routes == 4
     assert found.fits["Car"].nunique() > 1
-    decision = verdict(found)
+    decision = decide(found)
     assert decision.answer == "with a correction"
     shipped, corrected, routes = decision.why
     assert shipped.startswith("As shipped")
@@ -95,16 +95,16 @@ def test_a_simulator_that_is_right_is_believed_as_it_is(tmp_path):
     found = validate(recorded(tmp_path, NOTHING, frames=2), tmp_path)
     every = found.scores[found.scores["by"] == "all"]
     np.testing.assert_array_equal(every["bias"], 0.0)
-    assert verdict(found).answer == "yes"
+    assert decide(found).answer == "yes"
     assert all(unit.mask is None for unit in found.correction.lidars.values())
 
 
 def test_a_correction_that_was_fitted_to_the_log_that_judges_it_says_so(found):
-    why = verdict(replace(found, given=True)).why
+    why = decide(replace(found, correction_given=True)).why
     assert "fitted to this very log" in why[2]
     facts = found.correction.fitted | {"tracks": found.tracks + 1}
     other = found.correction.model_copy(update={"fitted": facts})
-    assert len(verdict(replace(found, given=True, correction=other)).why) == len(why) - 1
+    assert len(decide(replace(found, correction_given=True, correction=other)).why) == len(why) - 1
 
 
 def test_a_wrong_label_is_left_out(real, found):
@@ -143,7 +143,7 @@ def test_few_tracks_give_one_number_and_no_decision(tmp_path):
     assert found.tracks <= 20
     assert list(found.correction.factor) == ["other"]
     assert found.correction.distance is None
-    decision = verdict(found)
+    decision = decide(found)
     assert decision.answer == "no"
     assert "Too few tracks" in decision.why[0]
 
@@ -260,7 +260,7 @@ PERFECT = {"by": "all", "bias": 0.0, "spread": 0.0, "within_2": 1.0, "rho": 1.0,
 def judged(found, shipped, corrected=None, **facts):
     models = {"shipped": shipped, "corrected": corrected or {}}
     rows = [{"model": model} | PERFECT | changes for model, changes in models.items()]
-    return verdict(replace(found, scores=pd.DataFrame(rows), **facts))
+    return decide(replace(found, scores=pd.DataFrame(rows), **facts))
 
 
 @pytest.mark.parametrize(
@@ -275,7 +275,7 @@ def judged(found, shipped, corrected=None, **facts):
         ("simulated_5", 0.451, 0.44, "at least 5 points is off by -6.0%"),
     ],
 )
-def test_every_limit_of_the_verdict_decides(found, column, met, failed, says):
+def test_every_limit_decides(found, column, met, failed, says):
     assert judged(found, {column: met}).answer == "yes"
     mended = judged(found, {column: failed})
     assert mended.answer == "with a correction"
@@ -291,4 +291,6 @@ def test_too_little_data_is_no(found):
     one = judged(found, {"rho": 0.5}, routes=1)
     assert one.answer == "no"
     assert "one route" in one.why[1]
-    assert judged(found, {"rho": 0.5}, routes=1, given=True).answer == "with a correction"
+    assert (
+        judged(found, {"rho": 0.5}, routes=1, correction_given=True).answer == "with a correction"
+    )

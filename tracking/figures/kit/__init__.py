@@ -1,1 +1,1 @@
-"""What figures share: style, labels, maps and the picture of a rig."""
+"""Common parts of figures: style, labels, maps and the picture of a rig."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from tracking.figures.kit.style import OUTLINE, colour, error_bars, symbol, text
 
 MOST_NAMED = 20
-"""Points of a figure with labels; of more each would hide another, and a pointer shows its name."""
+"""Most points of a figure with labels; more would hide each other, and a pointer shows the name."""
 _PLOT = (280.0, 215.0)  # pixels of the plotting area on a narrow page
 _LETTER = (6.5, 14.0)  # pixels
 _GAP = 8.0  # from the middle of a point to its label
@@ -24,17 +24,17 @@ def label_places(
     labels: Sequence[str],
     bars: NDArray[np.float64] | None = None,
 ) -> list[str]:
-    """Plotly's `textposition` for every point, chosen one point after the other.
+    """Choose plotly's `textposition` for every point, one point after the other.
 
     Each label takes the side that covers the least of points, their bars and labels before it. A
-    point with the label "" is an obstacle alone. `bars` are lengths along y to each side, NaN or 0.
-    """
+    point with the label "" is an obstacle alone. `bars` are lengths along y to each side, NaN or
+    0."""
     if len(labels) > MOST_NAMED:
         return ["middle right"] * len(labels)
     half = np.zeros(len(y)) if bars is None else np.nan_to_num(bars)
     across, ends = _pixels(x, _PLOT[0]), np.concatenate([y - half, y, y + half])
-    low, middle, high = np.split(_pixels(ends, _PLOT[1]), 3)  # all are in view
-    at = np.stack([across, middle], axis=1)
+    low, centre, high = np.split(_pixels(ends, _PLOT[1]), 3)  # all are in view
+    at = np.stack([across, centre], axis=1)
     taken = [(*(point - 5), *(point + 5)) for point in at]
     taken += [(px - 3, y0, px + 3, y1) for px, y0, y1 in zip(across, low, high, strict=True)]
     places = []
@@ -55,14 +55,14 @@ def label_places(
 
 
 def _pixels(values: NDArray[np.float64], length: float) -> NDArray[np.float64]:
-    """Where plotly's automatic range puts `values` along an axis of `length` pixels, roughly."""
+    """Estimate where plotly's automatic range puts `values` along an axis of `length` pixels."""
     low, high = np.nanmin(values), np.nanmax(values)
     spread = high - low if high > low else 1.0
     return length * (0.06 + 0.88 * (values - low) / spread)
 
 
 def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> float:
-    """Area that two boxes (x0, y0, x1, y1) share."""
+    """Return the area that two boxes (x0, y0, x1, y1) share."""
     width = min(a[2], b[2]) - max(a[0], b[0])
     height = min(a[3], b[3]) - max(a[1], b[1])
     return max(0.0, width) * max(0.0, height)
@@ -77,8 +77,10 @@ def add_placements(
     placements: Sequence[str],
     **trace: Any,
 ) -> None:
-    """Draw a named point for each placement, its label, of few, where it hides no other. `x`, `y`
-    and `half` of the bar, NaN for none, have shapes (n,); `trace` is what else the trace has."""
+    """Draw a named point for each placement; few of them have labels, placed to hide no other.
+
+    `x`, `y` and `half` of the bar, NaN for none, have shapes (n,); `trace` has further
+    attributes of the trace."""
     rank = [placements.index(name) for name in names]
     across, up, bar = (np.asarray(values, np.float64) for values in (x, y, half))
     plot.add_scatter(

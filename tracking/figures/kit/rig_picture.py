@@ -35,12 +35,12 @@ class PicturedRig:
 
     @classmethod
     def of(cls, mounts: Sequence[Mount], words: Sequence[str] = ()) -> PicturedRig:
-        """Mounts of which nothing else is known, or what `words` say of each."""
+        """Make a rig of mounts, and of the `words` about each if they are known."""
         return cls(tuple(mounts), tuple(words) or ("",) * len(mounts))
 
     @classmethod
     def found(cls, rig: Rig) -> PicturedRig:
-        """A rig of a search, with its models and zones."""
+        """Make a rig of a search's result, with its models and zones."""
         pairs = zip(rig.models, rig.zones, strict=True)
         words = [text(model) + (f", zone {text(zone)}" if zone else "") for model, zone in pairs]
         return cls(rig.placed, tuple(words))
@@ -49,8 +49,9 @@ class PicturedRig:
 def rig_picture(
     rigs: Mapping[str, PicturedRig], vehicle: Vehicle | None, zones: Sequence[Zone] = ()
 ) -> go.Figure:
-    """The first of `rigs`, by the name in the menu, at the start; the others by the menu. A sedan
-    carries them for a `vehicle` of None; LiDARs may sit in `zones`."""
+    """Draw rigs by their names in a menu, the first one at the start.
+
+    A sedan carries them for a `vehicle` of None; LiDARs may sit in `zones`."""
     plot = figure("LiDARs on the vehicle", height=420, margin={"l": 0, "r": 0, "t": 70, "b": 32})
     plot.add_traces(vehicle_in_space(vehicle))
     if zones:
@@ -72,8 +73,8 @@ def rig_picture(
         before = len(plot.data)
         _add_rig(plot, rig, vehicle)
         owner += [name] * (len(plot.data) - before)
-    for trace, who in zip(plot.data, owner, strict=True):
-        trace.visible = who in ("", first)
+    for trace, rig_name in zip(plot.data, owner, strict=True):
+        trace.visible = rig_name in ("", first)
     # Axes of equal scale that hold every rig, so that the menu does not move the picture.
     seen = [np.stack([trace.x, trace.y, trace.z], 1).astype(np.float64) for trace in plot.data]
     scene = equal_axes(np.concatenate(seen), longest=1.6)
@@ -81,12 +82,12 @@ def rig_picture(
         scene=scene | {"camera": _CAMERA, "dragmode": "turntable"},
         legend={"orientation": "h", "y": 0, "yanchor": "top", "itemsizing": "constant"},
     )
-    changes = [({"visible": [who in ("", name) for who in owner]},) for name in rigs]
+    changes = [({"visible": [rig_name in ("", name) for rig_name in owner]},) for name in rigs]
     return add_menu(plot, [text(name) for name in rigs], changes, y=1)
 
 
 def _prism(zone: Zone) -> NDArray[np.float64]:
-    """Lower and upper ring of a zone and the edges between them, broken by NaN; shape (n, 3)."""
+    """Draw both rings of a zone and the edges between them, broken by NaN; shape (n, 3)."""
     ring = np.array([*zone.polygon, zone.polygon[0]])
     gap = np.full((1, 3), np.nan)
     rings = [np.column_stack([ring, np.full(len(ring), z)]) for z in zone.z]

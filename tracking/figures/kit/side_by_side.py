@@ -1,4 +1,4 @@
-"""The same rows under several columns: placements by metric, cases by rig."""
+"""Rows under several columns: placements by metric, cases by rig."""
 
 from collections.abc import Mapping, Sequence
 
@@ -15,36 +15,41 @@ def side_by_side(
     title: str,
     axis: str,
     odds: Sequence[str] = (),
-    shown: str = "%{x:.1f}",
+    hover: str = "%{x:.1f}",
 ) -> go.Figure:
-    """Points in `rows` from top to bottom, a colour a column, bars from low to high (NaN for none).
+    """Draw points in `rows`, a colour a column, with bars from low to high (NaN for none).
 
-    `odds`, how likely each row is to be the best, are on the right; `shown` is plotly's text of a
-    point that is pointed at.
-    """
+    `odds`, how likely each row is to be the best, are on the right; `hover` is plotly's text of
+    a point that is pointed at."""
     plot = style.figure(title, height=150 + (24 + 8 * len(columns)) * len(rows))
-    for i, (name, own) in enumerate(columns.items()):
-        own = own.reindex(list(rows))
-        up, down = (own["high"] - own["mean"]).fillna(0), (own["mean"] - own["low"]).fillna(0)
+    for i, (name, values) in enumerate(columns.items()):
+        values = values.reindex(list(rows))
+        up, down = (
+            (values["high"] - values["mean"]).fillna(0),
+            (values["mean"] - values["low"]).fillna(0),
+        )
         # One below the other within a row, as bars of equal values would hide each other.
         place = np.arange(len(rows)) + 0.5 * ((i + 0.5) / len(columns) - 0.5)
         plot.add_scatter(
-            x=own["mean"].to_numpy(),
+            x=values["mean"].to_numpy(),
             y=place,
             error_x=style.error_bars(up, down, thickness=1.5),
             mode="markers",
             marker={"size": 9, "color": style.colour(i), "symbol": style.symbol(i)},
             name=style.text(name),
             customdata=[style.text(row) for row in rows],
-            hovertemplate=f"%{{customdata}}: {shown}<extra>%{{fullData.name}}</extra>",
+            hovertemplate=f"%{{customdata}}: {hover}<extra>%{{fullData.name}}</extra>",
             showlegend=True,
         )
     plot.update_xaxes(title=axis)
     style.name_rows(plot, rows)
     if odds:
         right = {"x": 1.01, "xref": "paper", "xanchor": "left", "align": "left", "showarrow": False}
-        for row, said in [*enumerate(map(style.text, odds)), (-0.9, "likely to<br>be the best")]:
-            plot.add_annotation(y=row, text=said, font={"size": 11}, **right)
+        for row, likelihood in [
+            *enumerate(map(style.text, odds)),
+            (-0.9, "likely to<br>be the best"),
+        ]:
+            plot.add_annotation(y=row, text=likelihood, font={"size": 11}, **right)
         plot.update_yaxes(range=[len(odds) - 0.5, -1.4])
         plot.update_layout(margin={"r": 84})
     return style.legend_below(plot)

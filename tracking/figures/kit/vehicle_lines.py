@@ -1,7 +1,6 @@
-"""The vehicle from above, from its right side (nose to the right) and in 3D, and maps around it.
+"""Vehicle from above, from its right side (nose to the right) and in 3D, and maps around it.
 
-It is that of the configuration, or the sedan of the clouds where it says none.
-"""
+It is that of the configuration, or the sedan of the clouds where there is none."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -28,20 +27,20 @@ VEHICLE_OUTLINE: dict[str, Any] = {
     "fillcolor": "rgba(255, 255, 255, 0.7)",
     **QUIET,
 }
-"""Lightens a map under the vehicle: its orange line alone is lost there for some eyes."""
+"""Style that lightens a map under the vehicle: some eyes lose its orange line alone."""
 
 
 _outline = lru_cache(maxsize=8)(outline)  # a page draws one vehicle in many figures
 
 
 def vehicle_outline(vehicle: Vehicle | None, up: str) -> go.Scatter:
-    """x to the right, y or z upwards: from above or from the side."""
+    """Draw the outline with x to the right, y or z upwards: from above or from the side."""
     across, upwards = _outline(vehicle or sedan(), (0, "xyz".index(up))).T
     return go.Scatter(x=across, y=upwards, **VEHICLE_OUTLINE)
 
 
 def extent_of(vehicle: Vehicle | None) -> NDArray[np.float64]:
-    """Lowest and highest corner, metres, shape (2, 3); the origin twice for no body."""
+    """Return lowest and highest corner, metres, shape (2, 3); the origin twice for no body."""
     parts = (vehicle or sedan()).extents
     if not len(parts):
         return np.zeros((2, 3))
@@ -49,12 +48,12 @@ def extent_of(vehicle: Vehicle | None) -> NDArray[np.float64]:
 
 
 def name_of(vehicle: Vehicle | None) -> str:
-    """What the lines are of, behind "of"."""
+    """Name the vehicle, as it follows "of"."""
     return "a sedan" if vehicle is None else "the vehicle"
 
 
 def vehicle_in_space(vehicle: Vehicle | None) -> list[go.Mesh3d | go.Scatter3d]:
-    """Traces of a vehicle, none for one without a body."""
+    """Make the traces of a vehicle, none for one without a body."""
     body = vehicle or sedan()
     vertices, faces = vehicle_surface(body)
     if not len(faces):
@@ -78,13 +77,13 @@ def vehicle_in_space(vehicle: Vehicle | None) -> list[go.Mesh3d | go.Scatter3d]:
 def add_lines(
     plot: go.Figure, line: NDArray[np.floating[Any]], shade: str, width: float, **trace: Any
 ) -> None:
-    """A line in space through points, broken by NaN, shape (n, 3)."""
+    """Draw a line in space through points, broken by NaN, shape (n, 3)."""
     style = {"color": shade, "width": width}
     plot.add_scatter3d(**xyz(line), mode="lines", line=style, hoverinfo="skip", **trace)
 
 
 def posts(mounts: Sequence[Mount], vehicle: Vehicle | None) -> NDArray[np.float64]:
-    """What carries LiDARs above the body: a line up to each, broken by NaN, shape (n, 3)."""
+    """Make the posts that carry LiDARs above the body: a line each, broken by NaN, shape (n, 3)."""
     lines = [np.empty((0, 3))]
     for x, y, z in (mount.position.tolist() for mount in mounts):
         top = top_near(vehicle or sedan(), (x, x), (y, y))
@@ -94,22 +93,22 @@ def posts(mounts: Sequence[Mount], vehicle: Vehicle | None) -> NDArray[np.float6
 
 
 _CELLS = 200
-"""Maps are averaged to at most this many cells along the longer side: a page holds many."""
+"""Most cells along the longer side of a map, which is averaged to them: a page holds many."""
 
 
 def pog_from_above(
     entropy: NDArray[np.float32], roi: Roi, title: str, most: int = _CELLS, unit: str = "nats"
 ) -> go.Figure:
-    """Entropy of each column of voxels, shape (nx, ny), averaged to at most `most` cells."""
+    """Draw the entropy of columns of voxels, shape (nx, ny), averaged to at most `most` cells."""
     cells, x, y = averaged(entropy, (roi.x, roi.y), most)
     plot = figure(title, height=map_height((y[-1] - y[0]) / (x[-1] - x[0]), 190, 480))
-    shown = cells.astype(np.float32)
+    averages = cells.astype(np.float32)
     return plot.add_heatmap(
-        z=shown.T,  # rows of a heat map run along y
+        z=averages.T,  # rows of a heat map run along y
         x=x,
         y=y,
         zmin=0.0,
-        zmax=float(shown.max()) or 1.0,
+        zmax=float(averages.max()) or 1.0,
         colorscale=SEQUENTIAL,
         colorbar={"title": {"text": unit}, "thickness": 10, "x": 1.03, "len": 1.0},
         hovertemplate=f"x %{{x:.1f}}, y %{{y:.1f}} m<br>%{{z:.3g}} {unit}<extra></extra>",
@@ -125,24 +124,23 @@ def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> go.Figure
 
 
 def axes_from_above(plot: go.Figure, x: Sequence[float], y: Sequence[float]) -> go.Figure:
-    """Equal scales over ranges of x, forward to the right, and y, left upwards."""
+    """Set equal scales over ranges of x, forward to the right, and y, left upwards."""
     alike = {"constrain": "domain", "showgrid": False}
     plot.update_xaxes(title="x, forward (m)", range=x, **alike)
     return plot.update_yaxes(title="y, left (m)", range=y, scaleanchor="x", **alike)
 
 
 def map_height(shape: float, least: int, most: int) -> int:
-    """What fits a map of this height over its width in a narrow column."""
+    """Return the height of a figure for a map of this height over its width in a narrow column."""
     return int(np.clip(98 + 265 * shape, least, most))
 
 
 def averaged(
     cells: NDArray[np.float32], sides: tuple[Interval, Interval], most: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Means over square blocks of cells, shape (n, m), so large that no axis has more than `most`.
+    """Average square blocks of cells, shape (n, m), so large that no axis has more than `most`.
 
-    Returns them and the edges of the blocks along both axes; `sides` are what the map spans there.
-    """
+    Returns them and the edges of the blocks along both axes; `sides` are the map's extent there."""
     step = -(-max(cells.shape) // most)
     means = cells.astype(np.float64)
     edges = []

@@ -1,1 +1,1 @@
-"""The decision page: which rig, how certain, what each finds and where it is blind."""
+"""Decision page: which rig, how certain, what each finds and where it is blind."""

@@ -1,4 +1,4 @@
-"""The section of the rigs on the vehicle: from above and from the side, all at one scale."""
+"""Rigs on the vehicle, from above and from the side, all at one scale."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,7 +14,6 @@ from tracking.figures.kit.vehicle_lines import extent_of, name_of, posts, vehicl
 from tracking.labels import digits
 from tracking.pages.section import Section
 from tracking.report.recommendation import Recommendation
-from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import LidarModel
 
 _VIEW = 120  # pixels of both views
@@ -24,22 +23,23 @@ _AROUND = 0.4  # metres
 _AXIS_LENGTH = 0.7  # metres
 _BODY = "rgba(136, 136, 136, 0.15)"
 Viewed = tuple[str, PicturedRig]
-"""A title, plotly text, and the rig with what stands behind the pose of every mount."""
+"""Title as plotly text, and the rig with the text behind the pose of every mount."""
 
 
-def picture_section(run: RunFolder, found: Recommendation) -> Section:
-    """The vehicle with the LiDARs of the best rigs in 3D, for the first screen."""
-    lidars = run.sweep.lidars
+def picture_section(recommended: Recommendation) -> Section:
+    """Draw the vehicle with the LiDARs of the best rigs in 3D, for the first screen."""
+    run, lidars = recommended.run, recommended.run.sweep.lidars
     rigs = {
         name: PicturedRig.of(run.placements[name], [_model_words(m) for m in lidars.get(name, ())])
-        for name in found.shown
+        for name in recommended.drawn
     }
     note = f"The menu has the best rigs. {AXES_AND_POSTS}"
     return Section("The rigs", [note], [rig_picture(rigs, run.sweep.body)], top=True)
 
 
-def rigs_section(run: RunFolder, found: Recommendation) -> Section:
-    """The best rigs side by side, from above and from the side, with mounts and models."""
+def rigs_section(recommended: Recommendation) -> Section:
+    """Draw the best rigs side by side, from above and from the side, with mounts and models."""
+    run, names = recommended.run, recommended.drawn
     note = (
         f"From above, and from the side; the nose of {name_of(run.sweep.body)} is on the right. A "
         "line leads from above to where a LiDAR's top leans, from the side to where its front "
@@ -47,13 +47,13 @@ def rigs_section(run: RunFolder, found: Recommendation) -> Section:
         "ground."
     )
     section = Section("Where the LiDARs sit", [note])
-    if left := len(found.best.sure) - len(found.shown):
+    if left := len(recommended.best.sure) - len(names):
         more = f"{left} more {'is' if left == 1 else 'are'} in the report"
-        section.notes.append(f"Drawn are the {len(found.shown)} best, {more}.")
+        section.notes.append(f"Drawn are the {len(names)} best, {more}.")
     rigs, lidars = run.placements, run.sweep.lidars
     drawn = [
-        viewed_rig(name, rigs[name], lidars.get(name, ()), found.best.equal == [name])
-        for name in found.shown
+        viewed_rig(name, rigs[name], lidars.get(name, ()), recommended.best.equal == [name])
+        for name in names
     ]
     section.figures = rig_views(drawn, run.sweep.body)
     return section
@@ -62,21 +62,24 @@ def rigs_section(run: RunFolder, found: Recommendation) -> Section:
 def viewed_rig(
     name: str, mounts: Sequence[Mount], models: Sequence[LidarModel], best: bool = False
 ) -> Viewed:
-    """A rig to be drawn, with the texts of its LiDARs; none of `models` if they are not known.
-    `best`: whether it alone has the highest mean."""
+    """Describe a rig to be drawn: its title and the texts of its LiDARs.
+
+    `models` is empty if they are not known; `best`: whether the rig alone has the highest mean."""
     words = [_model_words(model) for model in models]
     same = len(set(words)) == 1
-    said = f"{len(mounts)} LiDAR{'s' * (len(mounts) != 1)}" + (f" · {words[0]}" if same else "")
+    description = f"{len(mounts)} LiDAR{'s' * (len(mounts) != 1)}" + (
+        f" · {words[0]}" if same else ""
+    )
     prices = [model.price_usd for model in models if model.price_usd is not None]
     if models and len(prices) == len(models):
-        said += f" · {sum(prices):,.0f} US$"
+        description += f" · {sum(prices):,.0f} US$"
     mark = " · highest mean" if best else ""
-    title = f"<b>{text(name)}</b>{mark}<br><span style='font-size:12px'>{said}</span>"
+    title = f"<b>{text(name)}</b>{mark}<br><span style='font-size:12px'>{description}</span>"
     return title, PicturedRig.of(mounts, () if same else words)
 
 
 def _model_words(model: LidarModel) -> str:
-    """A LiDAR model in a few words."""
+    """Describe a LiDAR model in a few words."""
     low, high = (f"{digits(angle, 'z.3g')}°" for angle in model.elevation_deg)
     kind = "beams" if model.azimuth_steps > 1 else "rays of a pattern"
     beams = f"{model.beams:,} {kind}, {low} to {high}"
@@ -84,18 +87,17 @@ def _model_words(model: LidarModel) -> str:
 
 
 def rig_views(rigs: Sequence[Viewed], vehicle: Vehicle | None) -> list[go.Figure]:
-    """A figure for each rig: above its two views, below a line for each mount.
+    """Draw a figure for each rig: above its two views, below a line for each mount.
 
     From above a line leads from a LiDAR to where its top leans, longer the more it does; from the
-    side the line is its own x axis, level unless it is pitched. `vehicle` is None for a sedan.
-    """
+    side the line is its own x axis, level unless it is pitched. `vehicle` is None for a sedan."""
     reach = _reach([mount for _, rig in rigs for mount in rig.mounts], vehicle)
     most = max(len(rig.mounts) for _, rig in rigs)
     return [_views(rig, vehicle, reach, most) for rig in rigs]
 
 
 def _reach(mounts: Sequence[Mount], vehicle: Vehicle | None) -> Mapping[str, tuple[float, float]]:
-    """What the views show along x, y and z: the vehicle and every mount, metres."""
+    """Find the range along x, y and z that holds the vehicle and every mount, metres."""
     at = np.array([mount.position for mount in mounts] + extent_of(vehicle).tolist())
     low, high = at.min(axis=0) - _AROUND, at.max(axis=0) + _AROUND
     return {axis: (float(low[i]), float(high[i])) for i, axis in enumerate("xyz")}
@@ -104,14 +106,14 @@ def _reach(mounts: Sequence[Mount], vehicle: Vehicle | None) -> Mapping[str, tup
 def _views(
     viewed: Viewed, vehicle: Vehicle | None, reach: Mapping[str, tuple[float, float]], lines: int
 ) -> go.Figure:
-    (title, rig), below = viewed, _LINE * lines
-    height = _TITLE + _VIEW + below + 8
+    (title, rig), height_of_lines = viewed, _LINE * lines
+    height = _TITLE + _VIEW + height_of_lines + 8
     plot = make_subplots(
         figure=figure(title, height=height, margin={"l": 4, "r": 4, "t": _TITLE, "b": 8}),
         rows=2,
         cols=2,
         specs=[[{}, {}], [{"colspan": 2}, None]],
-        row_heights=[_VIEW, below],
+        row_heights=[_VIEW, height_of_lines],
         vertical_spacing=0.0,
         horizontal_spacing=0.02,
     )
@@ -152,13 +154,13 @@ def _views(
 
 
 def _lidar(i: int, mount: Mount, across: str) -> go.Scatter:
-    """A mount as its marker with a line, in the view of x and `across`."""
+    """Draw a mount as its marker with a line, in the view of x and `across`."""
     axis = 0 if across == "z" else 2
     other = "xyz".index(across)
-    start, way = mount.position, _AXIS_LENGTH * mount.rotation[:, axis]
+    start, direction = mount.position, _AXIS_LENGTH * mount.rotation[:, axis]
     return go.Scatter(
-        x=[start[0], start[0] + way[0]],
-        y=[start[other], start[other] + way[other]],
+        x=[start[0], start[0] + direction[0]],
+        y=[start[other], start[other] + direction[other]],
         mode="lines+markers",
         line={"color": lidar_colour(i), "width": 2},
         marker={"size": [9, 0], "color": lidar_colour(i), "symbol": symbol(i), "opacity": 1},
@@ -168,7 +170,7 @@ def _lidar(i: int, mount: Mount, across: str) -> go.Scatter:
 
 
 def _pose(mount: Mount) -> str:
-    """Position, and the angles that are not 0."""
+    """Format the position, and the angles that are not 0."""
     where = ", ".join(f"{axis} {digits(getattr(mount, axis), 'z.2f')}" for axis in "xyz")
     angles = {name: np.degrees(getattr(mount, name)) for name in ("roll", "pitch", "yaw")}
     turned = [f"{name} {digits(a, '.0f')}°" for name, a in angles.items() if abs(a) >= 0.5]

@@ -1,5 +1,6 @@
-"""The section of where each rig sees and where it is blind: recall by direction and distance."""
+"""Recall by direction and distance: where each rig sees, and where it is blind."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,25 +21,23 @@ from tracking.report.sections.objects import (
     means_by_bin,
     wide,
 )
-from tracking.run_folders.sweep import RunFolder
 
 _METRICS = ("class_recall_3D", "recall", "AP_R40_3D")
-"""The first that a table has shows where objects are found; older run folders have AP alone."""
+"""Metrics by preference: the first that a table has is shown; older run folders have AP alone."""
 _FEW = 100  # objects in a bin, below which nothing is said of it
 _ROW = 24  # pixels
 _PALE = [
-    [at, "rgb({:.0f}, {:.0f}, {:.0f})".format(*(0.35 * np.array(hex_to_rgb(own)) + 0.65 * 255))]
-    for at, own in get_colorscale(SEQUENTIAL)
+    [at, "rgb({:.0f}, {:.0f}, {:.0f})".format(*(0.35 * np.array(hex_to_rgb(shade)) + 0.65 * 255))]
+    for at, shade in get_colorscale(SEQUENTIAL)
 ]
 
 
 @dataclass(frozen=True)
 class _Binned:
-    """A metric of one class by direction or distance.
+    """Metric of one class by direction or distance.
 
-    `values` have placements as rows and bins as columns, percent; `objects` are how many there
-    are, by bin.
-    """
+    `values` have placements as rows and bins as columns, percent; `objects` are the number of
+    objects by bin."""
 
     object_class: str
     metric: str
@@ -48,19 +47,21 @@ class _Binned:
 
     @property
     def sure(self) -> list[str]:
-        """Bins of which something can be said."""
+        """Bins with enough objects to compare rigs by."""
         return [name for name in self.bins.names if self.objects[name] >= _FEW]
 
 
-def where_blind_section(run: RunFolder, found: Recommendation) -> Section | None:
-    """A table of colours for each class, by direction and by distance; None without either."""
-    tables = []
+def where_blind_section(recommended: Recommendation) -> Section | None:
+    """Show recall by direction and by distance, a figure for each class; None without either."""
+    run, tables = recommended.run, []
     for table, keys, in_bins in ((run.sector, SECTOR, in_sectors), (run.distance, RING, in_rings)):
-        known = () if table is None else set(table.get("metric", ()))
-        if table is None or not (metric := next((name for name in _METRICS if name in known), "")):
+        metrics = () if table is None else set(table.get("metric", ()))
+        if table is None or not (
+            metric := next((name for name in _METRICS if name in metrics), "")
+        ):
             continue
-        for _, rows in means_by_bin(run, [found.group], table, keys, metric):
-            tables.append(_binned(found, *in_bins(rows)))
+        for _, rows in means_by_bin(run, [recommended.group], table, keys, metric):
+            tables.append(_binned(recommended.drawn, *in_bins(rows)))
     if not tables:
         return None
     note = (
@@ -69,42 +70,42 @@ def where_blind_section(run: RunFolder, found: Recommendation) -> Section | None
     )
     section = Section("Where they see, and where they are blind", [note], columns=2)
     for name in dict.fromkeys(one.object_class for one in tables):
-        own = [one for one in tables if one.object_class == name]
-        limits = _limits(own)
-        section.figures += [bin_table(one, limits) for one in own]
-        section.notes += _behind(own, found.best.best)
+        of_class = [one for one in tables if one.object_class == name]
+        limits = _limits(of_class)
+        section.figures += [bin_table(one, limits) for one in of_class]
+        section.notes += _behind(of_class, recommended.best.best)
     return section
 
 
 def _limits(tables: list[_Binned]) -> tuple[float, float]:
-    """Lowest and highest percentage in any cell: none is beyond the colours."""
+    """Find the lowest and the highest percentage of any cell; none is beyond the colours."""
     values = np.concatenate([table.values.to_numpy(np.float64).ravel() for table in tables])
     return float(np.nanmin(values)), float(np.nanmax(values))
 
 
-def _binned(found: Recommendation, own: pd.DataFrame, bins: Bins) -> _Binned:
-    values = wide(own, bins, "mean")
-    first = own.iloc[0]
+def _binned(rigs: Sequence[str], rows: pd.DataFrame, bins: Bins) -> _Binned:
+    values = wide(rows, bins, "mean")
+    first = rows.iloc[0]
     return _Binned(
         str(first["class"]),
         metric_label(first["metric"], first["iou"]),
         bins,
-        values.reindex([name for name in found.shown if name in values.index]),
-        own.groupby("bin")["ground_truths"].max(),
+        values.reindex([name for name in rigs if name in values.index]),
+        rows.groupby("bin")["ground_truths"].max(),
     )
 
 
 def _behind(tables: list[_Binned], best: str) -> list[str]:
-    """Where the recommended rig is furthest behind another one of those shown: [] or a sentence."""
-    found: list[tuple[float, str, str]] = []
+    """Say where the recommended rig is furthest behind another drawn one: [] or a sentence."""
+    leads: list[tuple[float, str, str]] = []
     for table in tables:
         for name, column in table.values[table.sure].items():
             if pd.notna(column.get(best)):
                 lead = float(column.max() - column[best])
-                found.append((lead, f"{name}{table.bins.unit}", str(column.idxmax())))
-    if not found:
+                leads.append((lead, f"{name}{table.bins.unit}", str(column.idxmax())))
+    if not leads:
         return []
-    lead, where, other = max(found)
+    lead, where, other = max(leads)
     cells = f"{tables[0].object_class}: where there are {_FEW} objects or more,"
     if not lead > 0:
         return [f"{cells} {best} is behind none of these rigs."]
@@ -112,7 +113,8 @@ def _behind(tables: list[_Binned], best: str) -> list[str]:
 
 
 def bin_table(binned: _Binned, limits: tuple[float, float]) -> go.Figure:
-    """Cells with their numbers, dark where little is found, pale where there are few objects.
+    """Draw cells with their numbers, dark where little is found, pale where there are few objects.
+
     Placements are rows from top to bottom; `limits` are of the darkest and the brightest colour."""
     bins, numbers = binned.bins, list(range(len(binned.bins.names)))
     cells = binned.values.reindex(columns=bins.names)
@@ -122,14 +124,17 @@ def bin_table(binned: _Binned, limits: tuple[float, float]) -> go.Figure:
     margin = {"l": 8, "r": 8, "t": 48, "b": 44}
     plot = figure(title, height=92 + _ROW * len(cells), margin=margin)
     judged = cells.columns.isin(binned.sure)
-    for own, scale, form in ((judged, SEQUENTIAL, "{}"), (~judged, _PALE, "({})")):
-        shown = cells.loc[:, own].reindex(columns=bins.names).to_numpy(np.float64)
+    for columns, scale, form in ((judged, SEQUENTIAL, "{}"), (~judged, _PALE, "({})")):
+        values = cells.loc[:, columns].reindex(columns=bins.names).to_numpy(np.float64)
         labels = [
-            [form.format(digits(v, ".0f")) if ok else "" for v, ok in zip(row, own, strict=True)]
-            for row in shown
+            [
+                form.format(digits(v, ".0f")) if ok else ""
+                for v, ok in zip(row, columns, strict=True)
+            ]
+            for row in values
         ]
         plot.add_heatmap(
-            z=shown,
+            z=values,
             x=numbers,
             y=[text(name) for name in cells.index],
             zmin=limits[0],

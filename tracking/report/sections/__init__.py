@@ -1,1 +1,1 @@
-"""The sections of a sweep's report, one a file."""
+"""Sections of a sweep's report, one a file."""

@@ -1,4 +1,4 @@
-"""The sections of ablations: traffic density, and placements that differ in one angle alone."""
+"""Ablations: traffic density, and placements that differ in one angle alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pandas as pd
 from lidarplace.base.metrics import RANKING
 from lidarplace.rigs.placement import Mount
 from tracking.findings.groups import Group
-from tracking.kitti_iou import judged
+from tracking.kitti_iou import at_headline_iou
 from tracking.labels import plus_minus, points
 from tracking.pages.section import (
     METRIC,
@@ -35,9 +35,9 @@ from tracking.run_folders.sweep import RunFolder
 DENSITY = "scene.density"
 
 
-def density_section(found: Analysis) -> Section | None:
-    """A column a density; None for a sweep with less than two densities."""
-    run = found.run
+def density_section(analysis: Analysis) -> Section | None:
+    """Compare traffic densities, a column each; None for a sweep with fewer than two."""
+    run = analysis.run
     if DENSITY not in run.axes or run.trials[DENSITY].nunique() < 2:
         return None
     densities = sorted(run.trials[DENSITY].dropna().unique().tolist())
@@ -47,13 +47,15 @@ def density_section(found: Analysis) -> Section | None:
     )
     section = Section("Ablation: density", [note])
     # One density each: the groups of the others differ in density alone.
-    alike = [g for g in found.groups if g.setting[DENSITY] == found.groups[0].setting[DENSITY]]
+    alike = [
+        g for g in analysis.groups if g.setting[DENSITY] == analysis.groups[0].setting[DENSITY]
+    ]
     for name in (*run.classes, "all"):
         label = headline_label(run.results, name)
-        own = judged(found.means, run.results, name)
+        means = at_headline_iou(analysis.means, run.results, name)
         for group in alike:
             same = group.setting
-            parts = [replace(group, setting={**same, DENSITY: d}).of(own) for d in densities]
+            parts = [replace(group, setting={**same, DENSITY: d}).of(means) for d in densities]
             title = f"{class_label(name)} · {label} (%)"
             if len(alike) > 1:
                 setting = {axis: v for axis, v in group.setting.items() if axis != DENSITY}
@@ -90,11 +92,11 @@ ANGLES = ("roll", "pitch")
 _DIFFERENCE = ("difference", "low", "high")
 
 
-def tilts_section(found: Analysis) -> Section | None:
-    """What tilting LiDARs did to AP and recall; None without such a pair."""
-    run = found.run
+def tilts_section(analysis: Analysis) -> Section | None:
+    """Compare placements with more and less tilted LiDARs; None without such a pair."""
+    run = analysis.run
     pairs = [pair for pair in tilt_pairs(run.placements) if not run.results.empty]
-    differences = _differences(run, found.groups, found.means, pairs)
+    differences = _differences(run, analysis.groups, analysis.means, pairs)
     if differences.empty:
         return None
     note = (
@@ -120,30 +122,31 @@ def tilts_section(found: Analysis) -> Section | None:
 
 
 def _differences(
-    run: RunFolder, found: list[Group], means: pd.DataFrame, pairs: list[TiltPair]
+    run: RunFolder, groups: list[Group], means: pd.DataFrame, pairs: list[TiltPair]
 ) -> pd.DataFrame:
-    """A row for every pair, group, class and metric that both placements have."""
+    """Compare each pair in every group, class and metric that both placements have; a row each."""
     rows = []
     names = (*run.classes, "all")
-    for name, metric, group in product(names, RANKING, found):
-        own = judged(group.of(means), run.results, name, metric)
-        own = own[own["seeds"] > 0].set_index("placement")
+    for name, metric, group in product(names, RANKING, groups):
+        of_metric = at_headline_iou(group.of(means), run.results, name, metric)
+        of_metric = of_metric[of_metric["seeds"] > 0].set_index("placement")
         for pair in pairs:
-            if {pair.upright, pair.tilted} <= {*own.index}:
-                both = own.loc[[pair.upright, pair.tilted]]
+            if {pair.upright, pair.tilted} <= {*of_metric.index}:
+                both = of_metric.loc[[pair.upright, pair.tilted]]
                 upright, tilted = both["mean"]
                 # Both intervals share one pooled spread, so they add in squares.
                 difference, half = tilted - upright, np.hypot(*both["half"])
                 bounds = (difference, difference - half, difference + half)
                 of = (pair.angle, f"{pair.upright} → {pair.tilted}", name, group.title, metric)
-                rows.append((*of, own["iou"].iloc[0], upright, tilted, *bounds))
+                rows.append((*of, of_metric["iou"].iloc[0], upright, tilted, *bounds))
     columns = ["angle", "pair", "class", "detector", "metric", "iou", "upright", "tilted"]
     return pd.DataFrame(rows, columns=[*columns, *_DIFFERENCE])
 
 
 class TiltPair(NamedTuple):
-    """Two placements, equal but for one angle of some LiDARs; `upright` is tilted less, summed over
-    LiDARs."""
+    """Two placements, equal but for one angle of some LiDARs.
+
+    `upright` is tilted less, summed over LiDARs."""
 
     angle: str
     upright: str
@@ -151,9 +154,10 @@ class TiltPair(NamedTuple):
 
 
 def tilt_pairs(placements: Mapping[str, Sequence[Mount]]) -> list[TiltPair]:
-    """All pairs of `placements` that differ in one of `ANGLES` alone, in their order. The order of
-    the LiDARs does not matter. Pairs in which both are tilted equally are left out."""
-    found = []
+    """List the pairs of `placements` that differ in one of `ANGLES` alone, in their order.
+
+    The order of the LiDARs does not matter. Pairs in which both are tilted equally are left out."""
+    pairs = []
     for angle in ANGLES:
         bases = {
             name: rounded([replace(mount, **{angle: 0.0}) for mount in mounts])
@@ -166,5 +170,5 @@ def tilt_pairs(placements: Mapping[str, Sequence[Mount]]) -> list[TiltPair]:
         for a, b in combinations(placements, 2):
             if bases[a] == bases[b] and tilts[a] != tilts[b]:
                 upright, tilted = sorted((a, b), key=tilts.__getitem__)
-                found.append(TiltPair(angle, upright, tilted))
-    return found
+                pairs.append(TiltPair(angle, upright, tilted))
+    return pairs

@@ -1,4 +1,4 @@
-"""The section of surrogates that were computed faster: error against run time."""
+"""Surrogates that were computed faster: error against run time."""
 
 import numpy as np
 import pandas as pd
@@ -20,9 +20,9 @@ _STYLES = {
 FIRST = "s_mig"  # surrogate that is shown before another is chosen
 
 
-def accuracy_section(found: Analysis) -> Section:
-    """Errors and ranks of every cheaper way to compute a surrogate, against its seconds."""
-    run = found.run
+def accuracy_section(analysis: Analysis) -> Section:
+    """Show errors and ranks of every cheaper way to compute a surrogate, against its seconds."""
+    run = analysis.run
     title = "Surrogates: error against run time"
     if run.accuracy is None or run.accuracy.empty:
         return Section(title, ["The run folder has no accuracy.parquet."])
@@ -37,15 +37,15 @@ def accuracy_section(found: Analysis) -> Section:
     section.notes += studied(run, run.accuracy)
     for title, part in by_setting(run.accuracy, run.axes):
         summary = summarise(relative_errors(part))
-        for name, own in summary.groupby("class", sort=False):
+        for name, of_class in summary.groupby("class", sort=False):
             label = f"{name} · {title}" if title else str(name)
-            section.figures.append(accuracy_figure(own, f"Error against run time · {label}"))
-            section.tables.append(accuracy_table(own, label))
+            section.figures.append(accuracy_figure(of_class, f"Error against run time · {label}"))
+            section.tables.append(accuracy_table(of_class, label))
     return section
 
 
 def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
-    """`tracking.findings.surrogate_accuracy.summarise` of one class as text."""
+    """Show `tracking.findings.surrogate_accuracy.summarise` of one class as text."""
     columns = [
         SURROGATE,
         Column(
@@ -82,8 +82,9 @@ def _percent(error: float) -> str:
 
 
 def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
-    """Error against the fine reference over seconds; a menu chooses the surrogate. `summary` is
-    `summarise` of one class and one setting."""
+    """Draw the error against the fine reference over seconds; a menu chooses the surrogate.
+
+    `summary` is `summarise` of one class and one setting."""
     plot = figure(text(title), height=440, margin={"t": 104})
     names = in_order(summary["surrogate"])
     first = FIRST if FIRST in names else names[0]
@@ -97,7 +98,7 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
             plot.add_trace(_line(rows, str(group), floor).update(visible=name == first))
             drawn.append(name)
     labels = [surrogate_name(name) for name in names]
-    changes = [({"visible": [name == own for own in drawn]},) for name in names]
+    changes = [({"visible": [name == surrogate for surrogate in drawn]},) for name in names]
     add_menu(plot, labels, changes, names.index(first), right=True, y=1.04)
     powers = {"type": "log", "exponentformat": "power", "dtick": 1}
     plot.update_xaxes(title="seconds a placement and class", **powers)

@@ -1,4 +1,4 @@
-"""The sections that say which placement is best, by how much and how sure."""
+"""Comparison of placements: which is best, by how much and how certain."""
 
 from collections.abc import Iterator, Sequence
 
@@ -9,7 +9,7 @@ from tracking.figures.kit.side_by_side import side_by_side
 from tracking.figures.kit.style import text
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.summary import for_comparison
-from tracking.kitti_iou import judged
+from tracking.kitti_iou import at_headline_iou
 from tracking.labels import DASH, percent, plus_minus, span
 from tracking.pages.section import MOST_ROWS, Column, Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
@@ -20,37 +20,39 @@ _Ranked = tuple[Recommendation, str, BestPlacement]
 MOST_DRAWN = 20
 
 
-def best_section(found: Analysis) -> Section | None:
-    """A figure and a table of what decides in the first group; None without results."""
-    return _section("Which placement is best?", found, _ranked(found)[:1])
+def best_section(analysis: Analysis) -> Section | None:
+    """Compare placements by what decides in the first group; None without results."""
+    return _section("Which placement is best?", analysis, _ranked(analysis)[:1])
 
 
-def by_class_section(found: Analysis) -> Section | None:
-    """The same of the other classes and groups."""
+def by_class_section(analysis: Analysis) -> Section | None:
+    """Compare placements in the other classes and groups."""
     title = "Which placement is best for each class and setting?"
-    return _section(title, found, _ranked(found)[1:])
+    return _section(title, analysis, _ranked(analysis)[1:])
 
 
-def _ranked(found: Analysis) -> list[_Ranked]:
-    """All groups and classes, of each group the class that decides first."""
+def _ranked(analysis: Analysis) -> list[_Ranked]:
+    """List all groups and classes, of each group the class that decides first."""
     return [
-        (own, name, own.ranked[name])
-        for own in found.recommended
-        for name in dict.fromkeys((own.by, *own.ranked))
+        (recommended, name, recommended.ranking[name])
+        for recommended in analysis.recommended
+        for name in dict.fromkeys((recommended.by, *recommended.ranking))
     ]
 
 
-def _section(title: str, found: Analysis, ranked: Sequence[_Ranked]) -> Section | None:
+def _section(title: str, analysis: Analysis, ranked: Sequence[_Ranked]) -> Section | None:
     if not ranked:
         return None
-    run = found.run
-    section = Section(title, [*_notes(found, ranked), *_seed_effects(ranked)])
+    run = analysis.run
+    section = Section(title, [*_notes(ranked), *_seed_effects(ranked)])
     for recommended, name, best in ranked:
         group, label = recommended.group, headline_label(run.results, name)
-        own = judged(group.of(found.means), run.results, name).set_index("placement")
-        table, title = own.loc[best.sure.index], group.label(class_label(name))
+        of_class = at_headline_iou(group.of(analysis.means), run.results, name).set_index(
+            "placement"
+        )
+        table, title = of_class.loc[best.sure.index], group.label(class_label(name))
         sure = best.sure.head(MOST_DRAWN)
-        weak = recommended.verdicts[name].weaknesses
+        weak = recommended.statements[name].weaknesses
         odds = [] if weak or sure.isna().any() else sure.map(percent).tolist()
         heading, axis = text(title[0].upper() + title[1:]), f"{label} (%)"
         compared = {label: for_comparison(table)}
@@ -60,8 +62,8 @@ def _section(title: str, found: Analysis, ranked: Sequence[_Ranked]) -> Section 
     return section
 
 
-def _notes(found: Analysis, ranked: Sequence[_Ranked]) -> Iterator[str]:
-    """What the intervals include."""
+def _notes(ranked: Sequence[_Ranked]) -> Iterator[str]:
+    """Say what the intervals include."""
     more = max(len(best.sure) for *_, best in ranked) - MOST_DRAWN
     drawn = f" The best {MOST_DRAWN} are drawn." if more > 0 else ""
     if any(best.sample for *_, best in ranked):
@@ -87,10 +89,10 @@ def _notes(found: Analysis, ranked: Sequence[_Ranked]) -> Iterator[str]:
 
 
 def _seed_effects(ranked: Sequence[_Ranked]) -> Iterator[str]:
-    """How much seeds shift all placements alike, one sentence for all that can say so."""
+    """Say how much seeds shift all placements alike, in one sentence."""
     effects = [
-        f"{own.group.label(class_label(name))} {best.seed_sd:.1f} ({best.sd:.1f})"
-        for own, name, best in ranked
+        f"{recommended.group.label(class_label(name))} {best.seed_sd:.1f} ({best.sd:.1f})"
+        for recommended, name, best in ranked
         if np.isfinite(best.seed_sd)
     ]
     if effects:
@@ -102,7 +104,7 @@ def _seed_effects(ranked: Sequence[_Ranked]) -> Iterator[str]:
 
 
 def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) -> Table:
-    """The best, those not significantly behind it, then the others."""
+    """List the best, those not significantly behind it, then the others."""
     leads = best.others[["lead", "low", "high"]].assign(p=best.p)
     leads = leads.rename(columns={"low": "low_of_lead", "high": "high_of_lead"})
     joined = table[["mean", "sd", "sample_sd", "low", "high", "half", "seeds"]].join(leads)

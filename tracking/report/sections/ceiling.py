@@ -1,4 +1,4 @@
-"""What noise leaves: a perfect surrogate's ceiling, and how reliable each metric is."""
+"""Ceiling of a perfect surrogate, and reliability of each metric, by what is noise."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from lidarplace.base.metrics import METRICS
 from tracking.findings.groups import has_detectors
 from tracking.findings.paired import group_columns
 from tracking.findings.surrogate_accuracy import rank_agreement
-from tracking.kitti_iou import judged, judged_by_all
+from tracking.kitti_iou import at_headline_iou, at_headline_ious
 from tracking.labels import digits, signed
 from tracking.pages.section import Column, Section, Table, numbers, of_group
 from tracking.report.analysis import Analysis
@@ -19,24 +19,24 @@ from tracking.statistics.reliability import reliability_of_mean
 
 def _ceiling(row: Mapping[Any, Any]) -> str:
     low, high = row["ceiling_low"], row["ceiling_high"]
-    shown = digits(row["ceiling"], ".2f")
-    return f"{shown} [{digits(low, '.2f')}, {digits(high, '.2f')}]" if np.isfinite(low) else shown
+    value = digits(row["ceiling"], ".2f")
+    return f"{value} [{digits(low, '.2f')}, {digits(high, '.2f')}]" if np.isfinite(low) else value
 
 
 CEILING = Column("ceiling", _ceiling)
 
 
-def ceilings_table(found: Analysis) -> list[Table]:
-    """A row for every headline metric; [] where there is none."""
-    run, ceilings = found.run, found.ceilings
+def ceilings_table(analysis: Analysis) -> list[Table]:
+    """Show the ceiling of every headline metric; [] where there is none."""
+    run, ceilings = analysis.run, analysis.ceilings
     if ceilings.empty:
         return []
-    shown = [judged(ceilings, run.results, name) for name in (*run.classes, "all")]
+    headlines = [at_headline_iou(ceilings, run.results, name) for name in (*run.classes, "all")]
 
     def halves(row: Mapping[Any, Any]) -> str:
-        shown = digits(row["agreement_of_halves"], ".2f")
-        known = np.isfinite(row["agreement_of_halves"])
-        return f"{shown} ({row['unit']}s left out)" if known else shown
+        value = digits(row["agreement_of_halves"], ".2f")
+        is_known = np.isfinite(row["agreement_of_halves"])
+        return f"{value} ({row['unit']}s left out)" if is_known else value
 
     columns = [
         *of_group(run.axes),
@@ -51,7 +51,7 @@ def ceilings_table(found: Analysis) -> list[Table]:
         numbers("ceiling by detectors", "ceiling_by_detectors", ".2f"),
     ]
     caption = "The highest ρ that is to be expected of a surrogate, by what is noise"
-    return [Table.of(caption, pd.concat(shown), columns, name="ceilings", data=ceilings)]
+    return [Table.of(caption, pd.concat(headlines), columns, name="ceilings", data=ceilings)]
 
 
 _NOTE = (
@@ -62,9 +62,9 @@ _NOTE = (
 )
 
 
-def reliability_section(found: Analysis) -> Section | None:
-    """A row for every metric of a class; None where no halves of the routes can be compared."""
-    run = found.run
+def reliability_section(analysis: Analysis) -> Section | None:
+    """Rate every metric of a class; None where no halves of the routes can be compared."""
+    run = analysis.run
     if run.left_out is None or run.left_out.empty or not has_detectors(run):
         return None
     rated = agreement_of_halves(run.left_out, run.axes)
@@ -75,7 +75,7 @@ def reliability_section(found: Analysis) -> Section | None:
     ordered = rated.sort_values("metric", key=lambda of: of.map(place), kind="stable")
     ordered = ordered.sort_values(["detector", *run.axes], kind="stable")
     names = (*run.classes, "all")
-    shown = pd.concat([judged_by_all(ordered, run.results, name) for name in names])
+    rows = pd.concat([at_headline_ious(ordered, run.results, name) for name in names])
     columns = [
         *of_group(run.axes),
         numbers("placements", "n", ",.0f"),
@@ -84,24 +84,28 @@ def reliability_section(found: Analysis) -> Section | None:
         numbers("reliability of all test frames", "reliability", ".2f"),
     ]
     table = Table.of(
-        "How reliably metrics separate placements", shown, columns, name="reliability", data=rated
+        "How reliably metrics separate placements", rows, columns, name="reliability", data=rated
     )
     return Section("Which metric separates placements?", [_NOTE], tables=[table])
 
 
 def agreement_of_halves(left_out: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
-    """How alike halves of the test routes rank placements, by every metric of `left_out`.
+    """Correlate placements between halves of the test routes, for every metric of `left_out`.
 
     One row per (class, detector, axes, metric, iou) with three placements or more: `n` placements;
     `splits` of the routes; `agreement`, Spearman's rho between the halves, the mean over splits, of
     means over seeds; and `reliability`, what Spearman and Brown's formula makes of it for all
-    routes, 0 where halves contradict each other.
-    """
+    routes, 0 where halves contradict each other."""
     keys = [key for key in group_columns(axes) if key != "difficulty"]
     halves = left_out[left_out["unit"] == "half"]
     rows = []
-    for key, own in halves.groupby(keys, dropna=False, sort=False, observed=True):
-        means = own.groupby(["left_out", "placement"])["value"].mean().unstack("left_out").dropna()
+    for key, of_metric in halves.groupby(keys, dropna=False, sort=False, observed=True):
+        means = (
+            of_metric.groupby(["left_out", "placement"])["value"]
+            .mean()
+            .unstack("left_out")
+            .dropna()
+        )
         splits = sorted({str(name)[:-1] for name in means})
         if len(means) < 3:
             continue

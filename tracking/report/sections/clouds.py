@@ -1,4 +1,4 @@
-"""The section of one frame as each placement sees it."""
+"""One frame as each placement sees it."""
 
 from collections.abc import Sequence
 
@@ -21,14 +21,16 @@ POINTS = 8000  # points kept of a placement's cloud, drawn at random
 _DASHES = {"Car": "solid", "Cyclist": "dash", "Pedestrian": "dot"}
 
 
-def clouds_section(found: Analysis) -> Section | None:
-    """A view of one frame with a menu; None for a sweep without detectors: it has no clouds."""
-    run = found.run
+def clouds_section(analysis: Analysis) -> Section | None:
+    """Show one frame with a menu of placements; None without detectors, and so without clouds."""
+    run = analysis.run
     if not has_detectors(run):
         return None
     section = Section("One frame, as each placement sees it", columns=2)
-    shown = [name for name in found.order if run.frame is not None and name in run.frame.points]
-    if run.frame is None or not shown:
+    placements = [
+        name for name in analysis.order if run.frame is not None and name in run.frame.points
+    ]
+    if run.frame is None or not placements:
         section.notes.append("The run folder has no frame.npz.")
         return section
     if pictured(run):
@@ -37,12 +39,12 @@ def clouds_section(found: Analysis) -> Section | None:
         "The menu chooses the placement, the best first. A colour is a LiDAR, outlines are the "
         "ground truth; at most 8,000 points are drawn."
     )
-    section.figures.append(point_clouds(run, run.frame, shown[:MOST_CLOUDS]))
+    section.figures.append(point_clouds(run, run.frame, placements[:MOST_CLOUDS]))
     return section
 
 
 def point_clouds(run: RunFolder, frame: Frame, placements: Sequence[str]) -> go.Figure:
-    """The first of `placements` at the start; outlines are the ground truth."""
+    """Draw the clouds of `placements`, the first at the start; outlines are the ground truth."""
     roi, first = run.roi, placements[0]
     shape = (roi.y[1] - roi.y[0]) / (roi.x[1] - roi.x[0])
     plot = figure(text(first), height=int(np.clip(220 + 450 * shape, 300, 620)))
@@ -59,9 +61,9 @@ def point_clouds(run: RunFolder, frame: Frame, placements: Sequence[str]) -> go.
             **QUIET,
         )
     for object_class in dict.fromkeys(frame.labels.tolist()):
-        own = frame.boxes[frame.labels == object_class]
-        lines = np.full((len(own), 6, 2), np.nan)  # rectangles as one line, broken by NaN
-        lines[:, :5] = corners(own)[:, [3, 2, 0, 1, 3], :2]
+        boxes = frame.boxes[frame.labels == object_class]
+        lines = np.full((len(boxes), 6, 2), np.nan)  # rectangles as one line, broken by NaN
+        lines[:, :5] = corners(boxes)[:, [3, 2, 0, 1, 3], :2]
         x, y = lines.reshape(-1, 2).T
         line = {"width": 1.5, "dash": _DASHES.get(object_class, "dash")}
         line["color"] = run.sweep.colours.get(object_class, OUTLINE)
@@ -78,7 +80,7 @@ def point_clouds(run: RunFolder, frame: Frame, placements: Sequence[str]) -> go.
 
 
 def _thinned(frame: Frame, roi: Roi, name: str) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """At most `POINTS` points over the ROI, x and y, and the mounts that they come from."""
+    """Keep at most `POINTS` points over the ROI: x and y, and the mounts that they come from."""
     points = frame.points[name]
     (x, y), (left, right), (back, front) = points[:, :2].T, roi.y, roi.x
     inside = np.flatnonzero((x >= back) & (x <= front) & (y >= left) & (y <= right))

@@ -10,9 +10,9 @@ import plotly.graph_objects as go
 from tracking import labels
 from tracking.figures.kit.named_points import add_placements, label_places
 from tracking.figures.kit.style import add_menu, broken, figure, text
-from tracking.findings.paired import group_columns, with_sums
+from tracking.findings.paired import group_columns
 from tracking.findings.summary import surrogates_of
-from tracking.kitti_iou import judged
+from tracking.kitti_iou import at_headline_iou
 from tracking.pages.section import METRIC, SURROGATE, Table, coefficient, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
@@ -21,25 +21,25 @@ from tracking.report.sections.ceiling import CEILING
 MOST_COEFFICIENTS = 300  # rows of the table of all coefficients that the page shows
 
 
-def scatters(found: Analysis) -> Iterator[go.Figure]:
-    """A point a placement, for every group and class."""
-    run = found.run
+def scatters(analysis: Analysis) -> Iterator[go.Figure]:
+    """Draw a point for each placement, in a figure for every group and class."""
+    run = analysis.run
     keys = [*group_columns(run.axes), "surrogate"]
-    left_out = found.errors[[*keys, "spearman_min", "spearman_max"]]
-    tested = found.correlations.merge(left_out, on=keys, how="left")
-    summed = with_sums(found.surrogates, run.axes)
-    for group in found.groups:
+    left_out = analysis.errors[[*keys, "spearman_min", "spearman_max"]]
+    tested = analysis.correlations.merge(left_out, on=keys, how="left")
+    summed = analysis.summed_surrogates
+    for group in analysis.groups:
         for name in (*run.classes, "all"):
-            parts = (group.of(found.means), group.of(tested))
-            own, tests = (judged(part, run.results, name) for part in parts)
+            parts = (group.of(analysis.means), group.of(tested))
+            of_class, tests = (at_headline_iou(part, run.results, name) for part in parts)
             if (tests["n"] > 0).any():
                 title = text(group.label(class_label(name)))
                 predictors = surrogates_of(summed, group.place, name)
-                yield scatter(own, predictors, tests, title, list(run.placements))
+                yield scatter(of_class, predictors, tests, title, list(run.placements))
 
 
 def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
-    """Every coefficient with interval and p-value."""
+    """Show every coefficient with interval and p-value."""
     columns = [
         words("class"),
         words("detector"),
@@ -69,14 +69,13 @@ def scatter(
     title: str,
     placements: Sequence[str],
 ) -> go.Figure:
-    """Points labelled by placement, bars of 95 % intervals for a comparison, a menu of surrogates.
+    """Draw points named by placement with 95 % intervals for a comparison; a menu of surrogates.
 
     `metric` are rows of `seed_means` of one group, `surrogates` those of `surrogates_of`,
-    `correlations` those of `correlate`; the first of the largest |rho| is shown.
-    """
-    known = {row["surrogate"]: row for row in correlations.to_dict("records")}
-    menu = [name for name in labels.in_order(known) if known[name]["n"] > 0]
-    strength = [np.nan_to_num(abs(known[name]["spearman"])) for name in menu]
+    `correlations` those of `correlate`; the first of the largest |rho| is shown."""
+    coefficients = {row["surrogate"]: row for row in correlations.to_dict("records")}
+    menu = [name for name in labels.in_order(coefficients) if coefficients[name]["n"] > 0]
+    strength = [np.nan_to_num(abs(coefficients[name]["spearman"])) for name in menu]
     first = int(np.argmax(strength))
     table = metric[metric["seeds"] > 0].set_index("placement").join(surrogates, how="inner")
     table = table.loc[[name for name in placements if name in table.index]]
@@ -84,12 +83,12 @@ def scatter(
     label = labels.metric_label(*metric.iloc[0][["metric", "iou"]])
 
     small = '<span style="font-size:12px">'
-    heads = [f"{title}<br>{small}{_coefficient(known[name])}</span>" for name in menu]
+    heads = [f"{title}<br>{small}{_coefficient(coefficients[name])}</span>" for name in menu]
     mean, half = (table[key].to_numpy(np.float64) for key in ("mean", "half"))
     plot = figure(heads[first], height=400, margin={"t": 120})
     hover = "%{text}<br>%{x:.6g}<br>%{y:.2f} %<extra></extra>"
-    shown = table[menu[first]]
-    add_placements(plot, shown, mean, half, names, placements, hovertemplate=hover)
+    values = table[menu[first]]
+    add_placements(plot, values, mean, half, names, placements, hovertemplate=hover)
     plot.update_xaxes(title=labels.surrogate_label(menu[first]))
     plot.update_yaxes(title=f"{label} (%)")
     changes = []

@@ -1,4 +1,4 @@
-"""The section of rigs and maps: where the LiDARs are, what they cover, what stays unseen."""
+"""Rigs and maps: where the LiDARs are, what they cover, what stays unseen."""
 
 from typing import Any
 
@@ -19,18 +19,18 @@ _CELLS = 80  # cells along the longer side of a map; a page holds two for every 
 _MARK = "#D55E00"
 
 
-def rigs_section(found: Analysis) -> Section:
-    """An interactive picture of the rigs, and where the objects are that they should see."""
-    run = found.run
-    shown = [name for name in found.order if run.placements.get(name)][:MOST_MAPS]
-    if not shown:
+def rigs_section(analysis: Analysis) -> Section:
+    """Draw the rigs in an interactive picture, and where the objects are that they should see."""
+    run = analysis.run
+    placements = [name for name in analysis.order if run.placements.get(name)][:MOST_MAPS]
+    if not placements:
         unknown = "Where the LiDARs are is not known: evaluate --geometry names it."
         return Section("Rigs and traffic", [unknown], columns=2)
     note = (
         f"Left: the LiDARs of one placement on {name_of(run.sweep.body)}; the menu chooses the "
         "placement. POG: entropy of each column of voxels, where objects may or may not be."
     )
-    rigs = {name: PicturedRig.of(run.placements[name]) for name in shown}
+    rigs = {name: PicturedRig.of(run.placements[name]) for name in placements}
     section = Section("Rigs and traffic", [note, *_setting(run)], columns=2)
     section.figures.append(rig_picture(rigs, run.sweep.body))
     for name, entropy in (run.maps.pog if run.maps else {}).items():
@@ -39,9 +39,9 @@ def rigs_section(found: Analysis) -> Section:
     return section
 
 
-def coverage_section(found: Analysis) -> Section:
-    """Two maps of every placement, the best first."""
-    run = found.run
+def coverage_section(analysis: Analysis) -> Section:
+    """Draw two maps of every placement, the best first."""
+    run = analysis.run
     title = "Coverage and residual entropy"
     if run.maps is None or not run.maps.residual:
         return Section(title, ["The run folder has no maps of residual entropy."])
@@ -52,8 +52,8 @@ def coverage_section(found: Analysis) -> Section:
         "occlusion: a covered voxel may still be hidden behind an object."
     )
     section = Section(title, [note, *_setting(run)], columns=2)
-    shown = [name for name in found.order if name in run.maps.residual][:MOST_MAPS]
-    for name in shown:
+    placements = [name for name in analysis.order if name in run.maps.residual][:MOST_MAPS]
+    for name in placements:
         label, residual = text(name), run.maps.residual[name] / np.float32(run.roi.resolution**2)
         share = 100 * run.maps.coverage[name]
         section.figures.append(_map(run, name, share, f"{label} · covered", "%"))
@@ -62,8 +62,8 @@ def coverage_section(found: Analysis) -> Section:
     most = max(heat.zmax for heat in residuals)
     for heat in residuals:
         heat.zmax = most
-    if len(shown) < len(run.placements):
-        section.notes.append(f"{len(shown)} of {len(run.placements):,} placements are drawn.")
+    if len(placements) < len(run.placements):
+        section.notes.append(f"{len(placements)} of {len(run.placements):,} placements are drawn.")
     return section
 
 

@@ -1,4 +1,4 @@
-"""The section of the objects that one rig finds and another one misses."""
+"""Objects that one rig finds and another one misses."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,11 +20,11 @@ TITLE = "What one rig finds and another one misses"
 _FEW = 100  # objects in a bin, below which it is not named
 
 
-def failures_section(found: Analysis) -> Section | None:
-    """`counted_failures` of the best rig and the next one; None for a sweep without detectors."""
-    run = found.run
-    if found.pair is not None:
-        return counted_failures(found.pair)
+def failures_section(analysis: Analysis) -> Section | None:
+    """Count the failures of the best rig and the next one; None for a sweep without detectors."""
+    run = analysis.run
+    if analysis.pair is not None:
+        return counted_failures(analysis.pair)
     if not has_detectors(run) or (run.objects is not None and run.found is not None):
         return None
     missing = [f"{name}.parquet" for name in ("objects", "found") if getattr(run, name) is None]
@@ -35,14 +35,14 @@ def failures_section(found: Analysis) -> Section | None:
     return Section(TITLE, notes=[note])
 
 
-def counted_failures(found: Failures) -> Section:
-    """How many objects each rig finds alone. The first two notes say what it comes to."""
-    counts = found.counts()
-    ious = ", ".join(f"{name} {kitti_iou(name).strict:g}" for name in found.classes)
-    link = f"The frames with the largest differences, under {' and '.join(found.rigs)}"
+def counted_failures(failures: Failures) -> Section:
+    """Count the objects that each rig finds alone; the first two notes summarise it."""
+    counts = failures.counts()
+    ious = ", ".join(f"{name} {kitti_iou(name).strict:g}" for name in failures.classes)
+    link = f"The frames with the largest differences, under {' and '.join(failures.rigs)}"
     section = Section(TITLE, columns=2, links={FILE: link})
     section.notes = [
-        *sentences(found, counts),
+        *sentences(failures, counts),
         "Each object of each test frame counts, found at KITTI's strict IoU of its class "
         f"({ious}). Numbers are means over the seeds, of which the same one is compared "
         "under both rigs. Occlusion is KITTI's three levels, by the share of the object that an "
@@ -51,45 +51,47 @@ def counted_failures(found: Failures) -> Section:
         "of many differences is partly chance.",
     ]
     for by in DIMENSIONS:
-        own = counts[counts["by"] == by]
-        title, bins = f"Found by one rig alone, by {by}", own["bin"].unique().tolist()
-        own = own[own["class"] != "all"]
-        section.figures.append(found_alone(own, found.rigs, title, bins, found.classes))
-    section.tables = [_table(found, counts)]
+        of_dimension = counts[counts["by"] == by]
+        title, bins = f"Found by one rig alone, by {by}", of_dimension["bin"].unique().tolist()
+        of_dimension = of_dimension[of_dimension["class"] != "all"]
+        section.figures.append(
+            found_alone(of_dimension, failures.rigs, title, bins, failures.classes)
+        )
+    section.tables = [_table(failures, counts)]
     return section
 
 
-def sentences(found: Failures, counts: pd.DataFrame) -> list[str]:
-    """How many objects each rig finds alone, and where the first one leads and lags most."""
-    first, second = found.rigs
+def sentences(failures: Failures, counts: pd.DataFrame) -> list[str]:
+    """Say how many objects each rig finds alone, and where the first one leads and lags most."""
+    first, second = failures.rigs
     whole = counts.iloc[0]
-    seeds = f"{len(found.seeds)} seed{'s' * (len(found.seeds) != 1)}"
-    said = (
+    seeds = f"{len(failures.seeds)} seed{'s' * (len(failures.seeds) != 1)}"
+    summary = (
         f"Of {whole['objects']:,} objects ({whole['individuals']:,} individuals) {first} finds "
         f"{whole['first']:,.0f} that {second} misses, and {second} {whole['second']:,.0f} that "
         f"{first} misses; both find {whole['both']:,.0f}, neither {whole['neither']:,.0f} "
         f"({seeds})."
     )
-    return [said, _where(found, counts)]
+    return [summary, _where(failures, counts)]
 
 
-def _where(found: Failures, counts: pd.DataFrame) -> str:
-    """Where the first rig is ahead and behind most, as far as that is significant."""
+def _where(failures: Failures, counts: pd.DataFrame) -> str:
+    """Say where the first rig is ahead and behind most, as far as that is significant."""
     if counts["low"].isna().all():
         return "The uncertainty is unknown: one seed, or too few road users."
     bins = counts[(counts["by"] != "") & (counts["objects"] >= _FEW)]
-    if len(found.classes) > 1:
+    if len(failures.classes) > 1:
         bins = bins[bins["class"] != "all"]
     ahead = bins[bins["low"] > 0].nlargest(1, "difference")
     behind = bins[bins["high"] < 0].nsmallest(1, "difference")
     places = [
         f"{word} most at {_place(row)}"
-        for word, own in (("ahead", ahead), ("behind", behind))
-        for row in own.to_dict("records")
+        for word, rows in (("ahead", ahead), ("behind", behind))
+        for row in rows.to_dict("records")
     ]
     if not places:
         return f"In no group of {_FEW} objects or more do the two differ significantly."
-    return f"{found.rigs[0]} is {', and '.join(places)}."
+    return f"{failures.rigs[0]} is {', and '.join(places)}."
 
 
 def _place(row: Mapping[Any, Any]) -> str:
@@ -99,8 +101,8 @@ def _place(row: Mapping[Any, Any]) -> str:
     )
 
 
-def _table(found: Failures, counts: pd.DataFrame) -> Table:
-    first, second = found.rigs
+def _table(failures: Failures, counts: pd.DataFrame) -> Table:
+    first, second = failures.rigs
     columns = [
         words("class", show=class_label),
         Column("which", lambda row: f"{row['by']}: {row['bin']}" if row["by"] else "", words=True),
@@ -127,26 +129,25 @@ def _table(found: Failures, counts: pd.DataFrame) -> Table:
 def found_alone(
     counts: pd.DataFrame, rigs: tuple[str, str], title: str, bins: list[str], classes: Sequence[str]
 ) -> go.Figure:
-    """Bars to the right for the first rig, to the left for the second one, a colour a class.
+    """Draw bars to the right for the first rig, to the left for the second one, a colour a class.
 
     `counts` are of single classes of one dimension, `bins` are rows from top to bottom, `classes`
-    those of the sweep, in order.
-    """
+    those of the sweep, in order."""
     total = counts.groupby("bin")["objects"].sum()
     plot = figure(title, height=130 + 34 * len(bins), barmode="relative", bargap=0.3)
     for name in classes:
-        own = counts[counts["class"] == name].set_index("bin")[["first", "second", "objects"]]
-        own = own.reindex(bins, fill_value=0)
+        of_class = counts[counts["class"] == name].set_index("bin")[["first", "second", "objects"]]
+        of_class = of_class.reindex(bins, fill_value=0)
         for rig, key, sign in zip(rigs, ("first", "second"), (1, -1), strict=True):
             plot.add_bar(
-                x=sign * own[key].to_numpy(),
+                x=sign * of_class[key].to_numpy(),
                 y=list(range(len(bins))),
                 orientation="h",
                 marker={"color": colour(classes.index(name))},
                 name=text(name),
                 legendgroup=name,
                 showlegend=sign > 0,
-                customdata=own[[key, "objects"]].to_numpy(),
+                customdata=of_class[[key, "objects"]].to_numpy(),
                 hovertemplate=f"{text(rig)} alone: %{{customdata[0]:.1f}} of "
                 f"%{{customdata[1]:,}}<extra>{text(name)}</extra>",
             )

@@ -1,4 +1,4 @@
-"""The section that compares one detector for all rigs with detectors trained for each."""
+"""Comparison of one detector for all rigs with detectors trained for each."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 
 from tracking.findings.generalist import CALIBRATION, JUDGEMENTS, compare, seconds_a_placement
-from tracking.findings.groups import JUDGE
+from tracking.findings.groups import EVALUATOR
 from tracking.labels import setting_label
 from tracking.pages.section import (
     METRIC,
@@ -32,12 +32,12 @@ _NOTE = (
 )
 
 
-def generalist_section(found: Analysis) -> Section | None:
-    """None unless the same placements were judged by a generalist and by detectors of their own."""
-    run = found.run
-    if not found.surrogates["surrogate"].isin(JUDGEMENTS).any():
+def generalist_section(analysis: Analysis) -> Section | None:
+    """Compare both kinds of detectors; None unless both judged the same placements."""
+    run = analysis.run
+    if not analysis.surrogates["surrogate"].isin(JUDGEMENTS).any():
         return None
-    rows = compare(run, found.means, found.correlations)
+    rows = compare(run, analysis.means, analysis.correlations)
     if rows.empty:
         return None
     section = Section("Does one detector for all rigs rank them as their own do?", [_NOTE])
@@ -47,11 +47,11 @@ def generalist_section(found: Analysis) -> Section | None:
 
 
 def _own(run: RunFolder, rows: pd.DataFrame, row: Mapping[Any, Any]) -> str:
-    """Detector, its judge and setting, as far as there are several."""
+    """Name detector, evaluator and setting, as far as there are several."""
     keys = ["detector", *run.axes]
     varying = [key for key in keys if rows[key].nunique(dropna=False) > 1]
-    axes = [key for key in varying if key not in ("detector", JUDGE)]
-    named = [str(row[key]) for key in ("detector", JUDGE) if key in varying]
+    axes = [key for key in varying if key not in ("detector", EVALUATOR)]
+    named = [str(row[key]) for key in ("detector", EVALUATOR) if key in varying]
     return ", ".join(filter(None, (*named, setting_label(axes, row))))
 
 
@@ -75,7 +75,7 @@ def _table(run: RunFolder, rows: pd.DataFrame) -> Table:
 
 def _seconds(run: RunFolder) -> Table:
     columns = [
-        words("judge", JUDGE),
+        words("evaluator", EVALUATOR),
         words("detector"),
         numbers("trials", "trials", ",.0f"),
         numbers("seconds of a placement and seed", "seconds", ",.3g"),
@@ -86,8 +86,8 @@ def _seconds(run: RunFolder) -> Table:
 
 
 def _once(tasks: pd.DataFrame | None) -> list[str]:
-    """What the trainings of generalists took, each for all placements."""
-    if tasks is None or not (own := tasks.loc[tasks["stage"] == "pretrain", "seconds"]).size:
+    """Say how long the trainings of generalists took, each for all placements."""
+    if tasks is None or not (seconds := tasks.loc[tasks["stage"] == "pretrain", "seconds"]).size:
         return []
-    many = f"{len(own)} trainings of a generalist" if len(own) > 1 else "one training"
-    return [f"Before its first judgement: {many}, {own.sum():,.0f} s together, without clouds."]
+    many = f"{len(seconds)} trainings of a generalist" if len(seconds) > 1 else "one training"
+    return [f"Before its first judgement: {many}, {seconds.sum():,.0f} s together, without clouds."]

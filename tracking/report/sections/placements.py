@@ -1,4 +1,4 @@
-"""The sections of all placements: surrogates, AP and recall, and whether surrogates agree."""
+"""Placements of a sweep: surrogates, AP and recall, and whether surrogates agree."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,7 +8,7 @@ import pandas as pd
 
 from lidarplace.base.metrics import headline_metric
 from tracking import labels
-from tracking.findings.groups import Group, has_detectors, met, verdicts
+from tracking.findings.groups import Group, has_detectors, met, worst_requirements
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import by_surrogate, deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou
@@ -18,9 +18,9 @@ from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
 
-def placements_section(found: Analysis) -> Section:
-    """A table for every group and class, and the trials that failed."""
-    run = found.run
+def placements_section(analysis: Analysis) -> Section:
+    """Show a table for every group and class, and the trials that failed."""
+    run = analysis.run
     decides = labels.surrogate_name(deciding_surrogate(run.surrogates))
     with_results = (
         "Mean ± standard deviation over seeds, best AP first; the highest of a column is bold."
@@ -31,10 +31,10 @@ def placements_section(found: Analysis) -> Section:
         "against those of covered entropy: only a detector shows which sign is better."
     )
     section = Section("Placements", [alone if run.results.empty else with_results])
-    for group in found.groups:
+    for group in analysis.groups:
         # Of one class the table has the recall of all objects, too.
         for name in run.classes if len(run.classes) == 1 else (*run.classes, "all"):
-            table = _placement_table(run, group, found.means, name)
+            table = _placement_table(run, group, analysis.means, name)
             if table is not None:
                 section.tables.append(table.first(MOST_ROWS))
     failed = run.trials[run.trials["status"] == "failed"]
@@ -49,32 +49,35 @@ def placements_section(found: Analysis) -> Section:
 def _placement_table(
     run: RunFolder, group: Group, means: pd.DataFrame, object_class: str
 ) -> Table | None:
-    """Surrogates, AP and recall of every placement for one class, best headline AP first.
+    """Show surrogates, AP and recall of every placement for one class, best headline AP first.
 
     Placements without AP follow in the order of `by_surrogate`; where none has any result, ranks
-    stand behind the surrogates. None if there is neither a result nor a surrogate.
-    """
-    own = group.of(means)
-    own = own[own["class"] == object_class]
+    stand behind the surrogates. None if there is neither a result nor a surrogate."""
+    metric_rows = group.of(means)
+    metric_rows = metric_rows[metric_rows["class"] == object_class]
     surrogates = surrogates_of(run.surrogates, group.setting, object_class)
-    if own.empty and surrogates.empty:
+    if metric_rows.empty and surrogates.empty:
         return None
-    known = {*own["placement"], *surrogates.index}
+    with_values = {*metric_rows["placement"], *surrogates.index}
     in_sequence = dict.fromkeys((*by_surrogate(run.surrogates), *run.placements))
-    table = pd.DataFrame(index=pd.Index([n for n in in_sequence if n in known], name="placement"))
+    table = pd.DataFrame(
+        index=pd.Index([n for n in in_sequence if n in with_values], name="placement")
+    )
     columns = [words("placement")]
     highest: dict[int, str] = {}
     order = ""
-    required = met(verdicts(run, group.setting)).reindex(table.index)
+    required = met(worst_requirements(run, group.setting)).reindex(table.index)
     if required.notna().any():
         table["requirements met"] = required
         counted = required.fillna(labels.DASH)
         columns.append(Column("requirements met", lambda row: counted[row["placement"]]))
     headline = (headline_metric(object_class), headline_iou(run.results, object_class))
-    metrics = own[["metric", "iou"]].drop_duplicates().sort_values(["metric", "iou"])
+    metrics = metric_rows[["metric", "iou"]].drop_duplicates().sort_values(["metric", "iou"])
     for metric, iou in metrics.itertuples(index=False):
         label = f"{labels.metric_label(metric, iou)} (%)"
-        cells = own[(own["metric"] == metric) & (own["iou"] == iou)].set_index("placement")
+        cells = metric_rows[
+            (metric_rows["metric"] == metric) & (metric_rows["iou"] == iou)
+        ].set_index("placement")
         for key in ("mean", "sd", "low", "high", "seeds"):
             table[f"{label} {key}"] = cells[key].reindex(table.index)
         highest[len(columns)] = f"{label} mean"
@@ -89,7 +92,7 @@ def _placement_table(
     for surrogate in labels.in_order(surrogates.columns):
         label = labels.surrogate_label(surrogate)
         table[label] = surrogates[surrogate].reindex(table.index)
-        alone = own.empty
+        alone = metric_rows.empty
         columns.append(_with_rank(label, table) if alone else numbers(label, label, labels.number))
     if order:
         table = table.sort_values(order, ascending=False, kind="stable")
@@ -108,25 +111,25 @@ def _mean_and_sd(label: str) -> Column:
 
 
 def _with_rank(label: str, table: pd.DataFrame) -> Column:
-    """A number with its rank among those of the table in brackets, 1 the highest."""
+    """Format a number with its rank among those of the table in brackets, 1 the highest."""
     ranks = table[label].rank(ascending=False, method="min")
 
     def cell(row: Mapping[Any, Any]) -> str:
-        rank, shown = ranks[row["placement"]], labels.number(row[label])
-        return shown if np.isnan(rank) else f"{shown} ({rank:.0f})"
+        rank, value = ranks[row["placement"]], labels.number(row[label])
+        return value if np.isnan(rank) else f"{value} ({rank:.0f})"
 
     return Column(label, cell)
 
 
-def agreement_section(found: Analysis) -> Section | None:
-    """Rank agreement of the surrogates; None for a sweep that trained a detector."""
-    run = found.run
+def agreement_section(analysis: Analysis) -> Section | None:
+    """Show how surrogates agree on the ranking; None for a sweep that trained a detector."""
+    run = analysis.run
     if has_detectors(run):
         return None
     section = Section("Do the surrogates agree?", ["Spearman's ρ, over all placements."])
     sums = with_sums(run.surrogates, run.axes)
     names = (*run.classes, "all") if len(run.classes) > 1 else run.classes
-    for group in found.groups:
+    for group in analysis.groups:
         for name in names:
             title = group.label("Sum of the classes" if name == "all" else name)
             section.tables += _surrogate_agreement(surrogates_of(sums, group.setting, name), title)
@@ -136,13 +139,14 @@ def agreement_section(found: Analysis) -> Section | None:
 
 
 def _surrogate_agreement(surrogates: pd.DataFrame, title: str) -> list[Table]:
-    """Surrogates as rows and columns; [] for fewer than 3 placements, or fewer than 2 that vary.
+    """Correlate surrogates; [] for fewer than 3 placements, or fewer than 2 surrogates that vary.
+
     `surrogates` have placements as rows, surrogates as columns (`surrogates_of`)."""
-    own = surrogates[labels.in_order(surrogates.columns)].dropna(axis="columns", how="all")
-    own = own.loc[:, own.nunique() > 1]
-    if len(own) < 3 or own.shape[1] < 2:
+    varying = surrogates[labels.in_order(surrogates.columns)].dropna(axis="columns", how="all")
+    varying = varying.loc[:, varying.nunique() > 1]
+    if len(varying) < 3 or varying.shape[1] < 2:
         return []
-    rho = own.corr("spearman")
+    rho = varying.corr("spearman")
     columns = [words("surrogate", show=labels.surrogate_name)]
     columns += [numbers(labels.surrogate_name(name), name, labels.signed) for name in rho.columns]
     rows = rho.rename_axis("surrogate").rename_axis(columns=None).reset_index()

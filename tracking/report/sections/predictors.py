@@ -1,4 +1,4 @@
-"""The section on surrogates: which predicts AP and recall, how well, and what trusting it costs."""
+"""Surrogates as predictors: which predicts AP and recall, how well, and what trusting it costs."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -36,20 +36,24 @@ _HOW_TO_READ = (
 )
 
 
-def predictors_section(found: Analysis) -> Section | None:
-    """Findings, a figure for every group and class, tables; None for a sweep without detectors."""
-    run, correlations = found.run, found.correlations
+def predictors_section(analysis: Analysis) -> Section | None:
+    """Show findings, figures by group and class, and tables; None for a sweep without detectors."""
+    run, correlations = analysis.run, analysis.correlations
     if not has_detectors(run):
         return None
     section = Section("Can a surrogate be trusted?")
-    if not found.predicted:
+    if not analysis.predictors:
         section.notes.append("Fewer than 3 placements with a metric: no coefficient.")
         return section
-    own = [one for one in found.predicted if _is_headline(run, one)]
-    said = [" · ".join(filter(None, (_group_label(run, one.group), one.sentence))) for one in own]
-    section.notes += said[:MOST_SENTENCES]
-    if len(said) > MOST_SENTENCES:
-        section.notes.append(f"The first {MOST_SENTENCES} of {len(said)} cases; the table has all.")
+    headlines = [one for one in analysis.predictors if _is_headline(run, one)]
+    sentences = [
+        " · ".join(filter(None, (_group_label(run, one.group), one.sentence))) for one in headlines
+    ]
+    section.notes += sentences[:MOST_SENTENCES]
+    if len(sentences) > MOST_SENTENCES:
+        section.notes.append(
+            f"The first {MOST_SENTENCES} of {len(sentences)} cases; the table has all."
+        )
     tested = int(correlations["pairs_tested"].iloc[0])
     section.notes.append(
         f"{tested} pairs of a surrogate and a metric were tested: about {0.05 * tested:.0f} "
@@ -61,11 +65,11 @@ def predictors_section(found: Analysis) -> Section | None:
             "Only placements that were promoted were trained in full. A surrogate that chose them "
             "varies less among them than among all: its coefficient here is not that over all."
         )
-    section.figures = list(scatters(found))
+    section.figures = list(scatters(analysis))
     section.tables = [
-        _ranking_table(found),
-        *regret_table(found),
-        *ceilings_table(found),
+        _ranking_table(analysis),
+        *regret_table(analysis),
+        *ceilings_table(analysis),
         _power_table(correlations),
         correlation_table(correlations, run.axes).first(MOST_COEFFICIENTS),
     ]
@@ -73,14 +77,14 @@ def predictors_section(found: Analysis) -> Section | None:
 
 
 def _is_headline(run: RunFolder, one: Predictors) -> bool:
-    """Whether it is about 3D AP of a class, or recall of all, at the headline IoU."""
+    """Tell whether it is about 3D AP of a class, or recall of all, at the headline IoU."""
     name, group = str(one.group["class"]), one.group
     headline = (headline_metric(name), headline_iou(run.results, name))
     return (group["metric"], group["iou"]) == headline
 
 
 def _group_label(run: RunFolder, group: Mapping[Any, Any]) -> str:
-    """Detector and setting, as far as the sweep has several of them."""
+    """Name detector and setting, as far as the sweep has several of them."""
     keys = [key for key in ("detector", *run.axes) if key in run.results]
     varying = [key for key in keys if run.results[key].nunique(dropna=False) > 1]
     axes = [axis for axis in varying if axis != "detector"]
@@ -88,29 +92,29 @@ def _group_label(run: RunFolder, group: Mapping[Any, Any]) -> str:
 
 
 def _power_sentences(correlations: pd.DataFrame) -> Iterator[str]:
-    """What so many placements can show, one sentence for every number of placements."""
-    known = correlations[correlations["spearman"].notna()]
-    for n, part in known.groupby("n"):
+    """Say what correlation can be found, one sentence for every number of placements."""
+    with_values = correlations[correlations["spearman"].notna()]
+    for n, part in with_values.groupby("n"):
         least = smallest_detectable(int(str(n)), "spearman", _reliability(part))
-        found = "no correlation, however strong, would be found"
+        detectable = "no correlation, however strong, would be found"
         if np.isfinite(least):
-            found = f"only a |ρ| above {least:.2f} in the population would be found"
+            detectable = f"only a |ρ| above {least:.2f} in the population would be found"
         yield (
-            f"With {n} placements {found} with a probability of 80 % (two-sided test at 5 %, "
+            f"With {n} placements {detectable} with a probability of 80 % (two-sided test at 5 %, "
             "before any correction for many tests)."
         )
 
 
 def _reliability(part: pd.DataFrame) -> float:
-    """Median over tests of the reliability of a mean over seeds; 1 where one seed hides it."""
-    known = part["reliability"].dropna()
-    return float(known.median()) if len(known) else 1.0
+    """Take the median reliability of a mean over seeds, over tests; 1 where one seed hides it."""
+    reliabilities = part["reliability"].dropna()
+    return float(reliabilities.median()) if len(reliabilities) else 1.0
 
 
 def _power_table(correlations: pd.DataFrame) -> Table:
-    known = correlations[correlations["spearman"].notna()]
-    reliability = _reliability(known)
-    table = power_table(sorted({*known["n"], 6, 8, 12, 20, 50}), reliability)
+    with_values = correlations[correlations["spearman"].notna()]
+    reliability = _reliability(with_values)
+    table = power_table(sorted({*with_values["n"], 6, 8, 12, 20, 50}), reliability)
 
     def least(value: float) -> str:
         return "none" if np.isnan(value) else f"{value:.2f}"
@@ -127,14 +131,14 @@ def _power_table(correlations: pd.DataFrame) -> Table:
     return Table.of(caption, table, columns, name="power")
 
 
-def _ranking_table(found: Analysis) -> Table:
-    run, predicted = found.run, found.predicted
+def _ranking_table(analysis: Analysis) -> Table:
+    run, predicted = analysis.run, analysis.predictors
     keys = [*predicted[0].group, "surrogate"]
-    ranges = found.errors[[*keys, "spearman_min", "spearman_max"]]
-    most = found.correlations[[*keys, "ceiling", "ceiling_low", "ceiling_high"]]
+    ranges = analysis.errors[[*keys, "spearman_min", "spearman_max"]]
+    most = analysis.correlations[[*keys, "ceiling", "ceiling_low", "ceiling_high"]]
     group: list[dict[str, Any]] = [one.group for one in predicted]
     rankings = [one.ranking.rename_axis("surrogate").reset_index() for one in predicted]
-    table = pd.concat([own.assign(**of) for own, of in zip(rankings, group, strict=True)])
+    table = pd.concat([ranking.assign(**of) for ranking, of in zip(rankings, group, strict=True)])
     table = table.merge(ranges, how="left", on=keys).merge(most, how="left", on=keys)
     headline = np.repeat([_is_headline(run, one) for one in predicted], [*map(len, rankings)])
 

@@ -1,4 +1,4 @@
-"""The section about promotion: what it saved and what it risked."""
+"""Promotion: what it saved and what it risked."""
 
 from collections.abc import Iterator, Mapping
 from functools import partial
@@ -21,9 +21,9 @@ _HOW_TO_READ = (
 )
 
 
-def promotion_section(found: Analysis) -> Section | None:
-    """What it saved and risked, and two tables, for every group; None without promotion."""
-    run, promotions = found.whole, found.run.promotions
+def promotion_section(analysis: Analysis) -> Section | None:
+    """Show savings, risks and two tables for every group; None without promotion."""
+    run, promotions = analysis.whole, analysis.run.promotions
     if promotions is None or promotions.empty:
         return None
     section = Section("Promotion", [_HOW_TO_READ])
@@ -69,8 +69,8 @@ def _risked(table: pd.DataFrame, ap: pd.Series) -> Iterator[str]:
 
 def _stages(table: pd.DataFrame, title: str) -> Table:
     def rank(row: Mapping[Any, Any]) -> str:
-        known = not np.isnan(row["best_rank"])
-        return f"{row['best_rank']:,.0f} of {row['ranked']:,.0f}" if known else DASH
+        is_known = not np.isnan(row["best_rank"])
+        return f"{row['best_rank']:,.0f} of {row['ranked']:,.0f}" if is_known else DASH
 
     columns = [
         words("stage"),
@@ -97,7 +97,7 @@ def _stages(table: pd.DataFrame, title: str) -> Table:
 
 
 def _values(group: Promoted, title: str) -> Table:
-    """Rank and value of every placement at every stage, those that came farthest first."""
+    """List rank and value of every placement at every stage, those that came farthest first."""
     ranks = stage_ranks(group)
     ranks = ranks.sort_values(ranks.columns[::-1].tolist(), kind="stable")
     values = group.rungs.pivot(index="placement", columns="rung", values="value")

@@ -1,4 +1,4 @@
-"""The section of the paper's published results next to those of the sweep."""
+"""Published results of the paper next to those of the sweep."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, replace
@@ -29,10 +29,11 @@ _HOW_TO_READ = (
 DIGITS = 6  # of metres and radians by which mounts are compared: a micrometre, a microradian
 
 
-def published_section(found: Analysis) -> Section | None:
-    """Published AP and recall against surrogates, and against own AP and recall. None if the sweep
-    has fewer than two of the placements that the paper published."""
-    run = found.run
+def published_section(analysis: Analysis) -> Section | None:
+    """Compare published AP and recall with surrogates, and with own AP and recall.
+
+    None if the sweep has fewer than two of the placements that the paper published."""
+    run = analysis.run
     published = _of_run(run)
     if published["placement"].nunique() < 2:
         return None
@@ -41,7 +42,7 @@ def published_section(found: Analysis) -> Section | None:
     for title, part in by_setting(run.surrogates, run.axes):
         correlations = correlate(published, part)
         tests.append(correlations[correlations["n"] > 0].assign(setting=title))
-    pairs = _beside_own(published, found.means, run)
+    pairs = _beside_own(published, analysis.means, run)
     if len(pairs):
         section.notes.append(
             "Own results are next to those of the same network; the paper's training data, "
@@ -60,23 +61,23 @@ def published_section(found: Analysis) -> Section | None:
 
 
 def paper_names(placements: Mapping[str, Sequence[Mount]]) -> dict[str, str]:
-    """Which of `placements` has the mounts of each of the paper's eight; that of its name first."""
+    """Name the placement that has the mounts of each of the paper's eight; a namesake first."""
     rigs = {name: rounded(mounts) for name, mounts in placements.items()}
-    found = {}
+    by_paper_name = {}
     for paper, placement in PAPER_PLACEMENTS.items():
         same = [name for name, rig in rigs.items() if rig == rounded(placement.mounts)]
         if same:
-            found[paper] = paper if paper in same else same[0]
-    return found
+            by_paper_name[paper] = paper if paper in same else same[0]
+    return by_paper_name
 
 
 def rounded(mounts: Sequence[Mount]) -> list[tuple[float, ...]]:
-    """Mounts as numbers that are the same for equal rigs, whatever their order."""
+    """Round mounts to numbers that are the same for equal rigs, whatever their order."""
     return sorted(tuple(round(value, DIGITS) + 0.0 for value in astuple(m)) for m in mounts)
 
 
 def _of_run(run: RunFolder) -> pd.DataFrame:
-    """Published results of the run's placements and classes, as `results.parquet` has them."""
+    """Select published results of the run's placements and classes, in the columns of results."""
     table = published_detection()
     table = table[table["density"] == ""].drop(columns="density")
     names = paper_names(run.placements)
@@ -87,9 +88,9 @@ def _of_run(run: RunFolder) -> pd.DataFrame:
 
 
 def _orders(pairs: pd.DataFrame) -> Iterator[str]:
-    """How alike own and published headlines rank the placements, a sentence for each."""
-    own = pairs[pairs["metric"] == pairs["class"].map(headline_metric)]
-    for _, part in own.groupby(["class", "metric", "iou", "series"], sort=False):
+    """Say how alike own and published headlines rank the placements, a sentence for each."""
+    headlines = pairs[pairs["metric"] == pairs["class"].map(headline_metric)]
+    for _, part in headlines.groupby(["class", "metric", "iou", "series"], sort=False):
         name, metric, iou, series = part.iloc[0][["class", "metric", "iou", "series"]]
         rho = rank_agreement(part["mean"], part["value"])[0]
         if np.isfinite(rho):
@@ -100,14 +101,14 @@ def _orders(pairs: pd.DataFrame) -> Iterator[str]:
 
 
 def _beside_own(published: pd.DataFrame, means: pd.DataFrame, run: RunFolder) -> pd.DataFrame:
-    """Rows of `published` with mean, low and high of the same network here, and `series`."""
+    """Add mean, low and high of the same network here to rows of `published`, and `series`."""
     keys = ["placement", "class", "metric", "iou"]
-    own = means[means["seeds"] > 0]
+    tested = means[means["seeds"] > 0]
     columns = ["mean", "low", "high", "detector", *run.axes]
-    networks = [name.removesuffix("_paper").removesuffix("_tiny") for name in own["detector"]]
-    own = own.assign(network=networks)[[*keys, "network", *columns]]
-    own = own.rename(columns={"detector": "own_detector"})
-    pairs = published.merge(own, left_on=[*keys, "detector"], right_on=[*keys, "network"])
+    networks = [name.removesuffix("_paper").removesuffix("_tiny") for name in tested["detector"]]
+    tested = tested.assign(network=networks)[[*keys, "network", *columns]]
+    tested = tested.rename(columns={"detector": "own_detector"})
+    pairs = published.merge(tested, left_on=[*keys, "detector"], right_on=[*keys, "network"])
     series = [
         " · ".join(filter(None, (row["own_detector"], setting_label(run.axes, row))))
         for row in pairs.to_dict("records")
@@ -116,7 +117,7 @@ def _beside_own(published: pd.DataFrame, means: pd.DataFrame, run: RunFolder) ->
 
 
 def _beside_table(pairs: pd.DataFrame) -> Table:
-    shown = [
+    cells = [
         words("class"),
         METRIC,
         words("detector", "series"),
@@ -129,7 +130,7 @@ def _beside_table(pairs: pd.DataFrame) -> Table:
         columns={"value": "published (%)", "mean": "own (%)", "low": "own_low (%)"}
         | {"high": "own_high (%)"}
     )
-    return Table.of("Published and own", pairs, shown, name="published-and-own", data=data)
+    return Table.of("Published and own", pairs, cells, name="published-and-own", data=data)
 
 
 def _published_table(published: pd.DataFrame) -> Table:
@@ -145,7 +146,7 @@ def _published_table(published: pd.DataFrame) -> Table:
 
 
 _CLASS = "Car"
-"""The one class of which the paper printed surrogates of three placements, or densities."""
+"""Class of which the paper printed surrogates of several placements and densities."""
 _KEYS = ["class", "metric", "iou", "detector"]
 
 
@@ -163,7 +164,7 @@ def add_published_surrogates(section: Section) -> None:
 
 
 def published_density_table() -> Table:
-    """AP of Square and its surrogates, as the paper printed them, a column a density."""
+    """Show AP of Square and its surrogates, as the paper printed them, a column a density."""
     results, surrogates = (table[table["over"] == "densities"] for table in _printed_both())
     densities = list(dict.fromkeys(results["placement"]))[::-1]
     keys = ["metric", "iou", "detector"]
@@ -172,8 +173,10 @@ def published_density_table() -> Table:
         (f"{detector} · {metric_label(metric, iou)} (%)", *map("{:.2f}".format, values))
         for (metric, iou, detector), values in zip(wide.index, wide.to_numpy(), strict=True)
     ]
-    known = surrogates.pivot(index="surrogate", columns="placement", values="value")[densities]
-    rows += [(surrogate_label(n), *map(number, known.loc[n])) for n in in_order(known.index)]
+    by_density = surrogates.pivot(index="surrogate", columns="placement", values="value")[densities]
+    rows += [
+        (surrogate_label(n), *map(number, by_density.loc[n])) for n in in_order(by_density.index)
+    ]
     of_results = results[["detector", "metric", "iou", "placement", "value"]]
     data = pd.concat([of_results, surrogates[["surrogate", "placement", "value"]]])
     return Table(
@@ -186,7 +189,7 @@ def published_density_table() -> Table:
 
 
 def _printed_both() -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Results and surrogates as `correlate` has them; `over` says what `placement` holds."""
+    """Read results and surrogates as `correlate` takes them; `over` says what `placement` holds."""
     results, surrogates = (
         _over(table[table["class"] == _CLASS])
         for table in (published_detection(), published_surrogates())
@@ -199,7 +202,7 @@ def _printed_both() -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def _over(table: pd.DataFrame) -> pd.DataFrame:
-    """With `over`, and the density in the place of the placement where one was printed."""
+    """Add `over`, and put the density in the place of the placement where one was printed."""
     dense = table["density"] != ""
     return table.assign(
         over=dense.map({True: "densities", False: "placements"}),

@@ -1,11 +1,11 @@
-"""The section that compares simulated clouds with those that the same LiDARs recorded."""
+"""Comparison of simulated clouds with those that the same LiDARs recorded."""
 
 import numpy as np
 import pandas as pd
 
 from tracking.findings.correlation import correlate
 from tracking.findings.generalist import calibration
-from tracking.kitti_iou import judged
+from tracking.kitti_iou import at_headline_iou
 from tracking.labels import setting_label
 from tracking.pages import section
 from tracking.report.analysis import Analysis
@@ -19,9 +19,9 @@ _NOTE = (
 )
 
 
-def recorded_clouds_section(found: Analysis) -> section.Section | None:
-    """None unless placements have results on recorded clouds and on simulated ones."""
-    run = found.run
+def recorded_clouds_section(analysis: Analysis) -> section.Section | None:
+    """Compare both kinds of clouds; None unless placements have results on both."""
+    run = analysis.run
     pairs = side_by_side(run)
     if pairs.empty:
         return None
@@ -67,28 +67,26 @@ KINDS = ("recorded", "simulated")
 
 
 def side_by_side(run: RunFolder) -> pd.DataFrame:
-    """AP or recall of detectors on recorded clouds and of those on simulated ones.
+    """Pair AP or recall of detectors on recorded clouds with those on simulated ones.
 
     One row per (class, detector, further axes, placement) with both: metric and iou, the
     headline's, and means over seeds in columns `recorded` and `simulated`, percent. Empty unless
-    `CLOUDS` is an axis with both.
-    """
+    `CLOUDS` is an axis with both."""
     axes = [axis for axis in run.axes if axis != CLOUDS]
     keys = ["class", "detector", *axes, "metric", "iou", "placement"]
-    found = _headline(run)
-    if found.empty or set(found[CLOUDS]) < set(KINDS):
+    results = _headline(run)
+    if results.empty or set(results[CLOUDS]) < set(KINDS):
         return pd.DataFrame(columns=[*keys, *KINDS])
-    means = found.groupby([*keys, CLOUDS], dropna=False, sort=False)["value"].mean()
+    means = results.groupby([*keys, CLOUDS], dropna=False, sort=False)["value"].mean()
     table = means.unstack(CLOUDS).dropna(subset=list(KINDS)).reset_index()
     return table[[*keys, *KINDS]].rename_axis(columns=None)
 
 
 def rank_agreement(run: RunFolder) -> pd.DataFrame:
-    """Correlation of simulated means with recorded ones over placements where it has both.
+    """Correlate simulated means with recorded ones over placements where it has both.
 
     Rows of `tracking.findings.correlation.correlate`, and `bias`, `bias_low`, `bias_high`
-    (`calibration`): simulated less recorded, points.
-    """
+    (`calibration`): simulated less recorded, points."""
     pairs = side_by_side(run)
     if pairs.empty:
         return pd.DataFrame()
@@ -98,16 +96,16 @@ def rank_agreement(run: RunFolder) -> pd.DataFrame:
     table = correlate(results[results[CLOUDS] == KINDS[0]], simulated, axes)
     table = table[table["n"] > 0]
     rows = []
-    for key, own in pairs.groupby(keys, dropna=False, sort=False):
-        found = calibration(*(own[kind].to_numpy(np.float64) for kind in KINDS[::-1]))
-        rows.append(dict(zip(keys, key, strict=True)) | (found or {}))
+    for key, means in pairs.groupby(keys, dropna=False, sort=False):
+        estimates = calibration(*(means[kind].to_numpy(np.float64) for kind in KINDS[::-1]))
+        rows.append(dict(zip(keys, key, strict=True)) | (estimates or {}))
     biases = pd.DataFrame(rows).reindex(columns=[*keys, "bias", "bias_low", "bias_high"])
     return table.merge(biases, on=keys, how="left")
 
 
 def _headline(run: RunFolder) -> pd.DataFrame:
-    """The results of every class by its headline metric; none without the axis."""
+    """Select the results of every class by its headline metric; none without the axis."""
     if CLOUDS not in run.axes:
         return run.results.iloc[:0]
     names = (*run.classes, "all")
-    return pd.concat([judged(run.results, run.results, name) for name in names])
+    return pd.concat([at_headline_iou(run.results, run.results, name) for name in names])

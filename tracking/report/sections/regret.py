@@ -1,4 +1,4 @@
-"""What it costs to take the placement that a surrogate says is best."""
+"""Regret: what it costs to take the placement that a surrogate ranks first."""
 
 import numpy as np
 import pandas as pd
@@ -7,7 +7,6 @@ from lidarplace.base.metrics import headline_metric
 from lidarplace.pog.surrogates.table import DECIDING, HEADLINE_SURROGATES, SURROGATES
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.generalist import JUDGEMENTS
-from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import some
@@ -18,9 +17,9 @@ from tracking.statistics.posterior import expected_regret
 MOST_CHOICES = 100  # rows that the page shows
 
 
-def regret_table(found: Analysis) -> list[Table]:
-    """What is lost, of all groups and classes; [] where there is no choice or no surrogate."""
-    table = regrets_of_all(found)
+def regret_table(analysis: Analysis) -> list[Table]:
+    """Show the regret of all groups and classes; [] where there is no choice or no surrogate."""
+    table = regrets_of_all(analysis)
     if table.empty:
         return []
     columns = [
@@ -38,22 +37,24 @@ def regret_table(found: Analysis) -> list[Table]:
     return [Table.of(caption, table, columns, units, name="regret").first(MOST_CHOICES)]
 
 
-def regrets_of_all(found: Analysis) -> pd.DataFrame:
-    """`regrets` of every group and class, with class, group, its place, metric and IoU, unless no
-    placement is better than another."""
-    run, parts = found.run, []
-    summed = with_sums(found.surrogates, run.axes)
-    for group, ranked in found.rankings:
-        for name, best in ranked.items():
-            own = surrogates_of(summed, group.place, name)
+def regrets_of_all(analysis: Analysis) -> pd.DataFrame:
+    """Compute `regrets` of every group and class, with class, group, its place, metric and IoU.
+
+    Left out where no placement is better than another."""
+    run, parts = analysis.run, []
+    summed = analysis.summed_surrogates
+    for ranked in analysis.rankings:
+        group = ranked.group
+        for name, best in ranked.ranking.items():
+            of_class = surrogates_of(summed, group.place, name)
             # With a first choice of their own, which covered entropy has: the opposite of S-MIG's.
             choose = dict.fromkeys((*JUDGEMENTS, *DECIDING, *HEADLINE_SURROGATES))
-            named = [s for s in choose if s in own.columns]
+            named = [s for s in choose if s in of_class.columns]
             if not named or len(best.equal) == len(best.sure):
                 continue
             place = {"class": name, "group": group.title, **group.place}
             place |= {"metric": headline_metric(name), "iou": headline_iou(run.results, name)}
-            lost = regrets(best, own[named])
+            lost = regrets(best, of_class[named])
             parts.append(pd.DataFrame([place] * len(lost)).join(lost))
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 
@@ -62,7 +63,7 @@ AT_RANDOM = "a placement at random"
 
 
 def regrets(best: BestPlacement, surrogates: pd.DataFrame) -> pd.DataFrame:
-    """By how much the choice of each surrogate is below the best placement, `best`.
+    """Compute how far the choice of each surrogate is below the best placement, `best`.
 
     A surrogate chooses among the placements that have it and the metric: its highest value, or its
     lowest where that is best; of equal ones any. `surrogates` are those of `surrogates_of`.
@@ -70,16 +71,15 @@ def regrets(best: BestPlacement, surrogates: pd.DataFrame) -> pd.DataFrame:
     One row a surrogate with two different values, then one of `AT_RANDOM`: surrogate; takes,
     "highest" or "lowest"; choice; behind, the mean of the choice below the highest mean, as
     measured: too much on average, since the highest is partly the luckiest; regret, its
-    expectation when that is allowed for (`expected_regret`), and low and high, 95 %.
-    """
+    expectation when that is allowed for (`expected_regret`), and low and high, 95 %."""
     names, means = [str(name) for name in best.sure.index], best.means
     rows, choices = [], []
     for surrogate in surrogates.columns:
         values = surrogates[surrogate].reindex(names).dropna()
         if values.nunique() < 2:
             continue
-        known = SURROGATES.get(str(surrogate))
-        lowest = known is not None and known.direction == "minimize"
+        definition = SURROGATES.get(str(surrogate))
+        lowest = definition is not None and definition.direction == "minimize"
         chosen = values.index[values == (values.min() if lowest else values.max())]
         choices.append(np.isin(names, chosen) / len(chosen))
         rows.append((str(surrogate), "lowest" if lowest else "highest", some(list(chosen))))

@@ -1,4 +1,4 @@
-"""The section of the sampling error of the POG."""
+"""Sampling error of the POG."""
 
 from itertools import combinations
 
@@ -14,9 +14,9 @@ from tracking.report.analysis import Analysis
 MOST_INTERVALS = 20  # placements whose sampling errors are shown: every pair of them is compared
 
 
-def sampling_error_section(found: Analysis) -> Section:
-    """How much the surrogates would change with other frames."""
-    run = found.run
+def sampling_error_section(analysis: Analysis) -> Section:
+    """Show how much the surrogates would change with other frames."""
+    run = analysis.run
     section = Section("Surrogates: sampling error of the POG")
     tables = {"sampling_error": run.sampling_error, "pog_resamples": run.pog_resamples}
     missing = [name for name, table in tables.items() if table is None or table.empty]
@@ -32,28 +32,29 @@ def sampling_error_section(found: Analysis) -> Section:
         "the interval, not off the value."
     )
     section.notes += studied(run, run.sampling_error)
-    known = set(run.sampling_error["placement"])
-    shown = [name for name in found.order if name in known][:MOST_INTERVALS]
-    if len(shown) < len(known):
+    known_names = set(run.sampling_error["placement"])
+    best_names = [name for name in analysis.order if name in known_names][:MOST_INTERVALS]
+    if len(best_names) < len(known_names):
         section.notes.append(
-            f"The best {len(shown)} of {len(known):,} placements; sampling_error.parquet has all."
+            f"The best {len(best_names)} of {len(known_names):,} placements; "
+            "sampling_error.parquet has all."
         )
     best, draws = (
-        table[table["placement"].isin(shown)] for table in (run.sampling_error, run.pog_resamples)
+        table[table["placement"].isin(best_names)]
+        for table in (run.sampling_error, run.pog_resamples)
     )
     resamples = dict(by_setting(draws, run.axes))
     for title, part in by_setting(best, run.axes):
         of_headline = part[part["surrogate"].isin(HEADLINE_SURROGATES)]
         pairs = paired_differences(of_headline, resamples[title])
-        for name, own in part.groupby("class", sort=False):
+        for name, of_class in part.groupby("class", sort=False):
             label = f"{name} · {title}" if title else str(name)
             section.notes += separation_sentences(pairs[pairs["class"] == name], label)
-            section.tables.append(_sampling_error_table(own, label))
+            section.tables.append(_sampling_error_table(of_class, label))
     return section
 
 
 def _sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
-    """Estimates of one class as text."""
     columns = [
         words("surrogate", show=surrogate_label),
         words("placement"),
@@ -75,38 +76,40 @@ def _sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
 
 
 def paired_differences(estimates: pd.DataFrame, resamples: pd.DataFrame) -> pd.DataFrame:
-    """Differences of two placements over the same draws of frames, whose common part cancels.
+    """Compare two placements over the same draws of frames, whose common part cancels.
 
     Each pair once: class, surrogate, placement, other, the difference of their values, and low and
-    high of its 95 % interval, bias taken off as in `lidarplace.pog.surrogates.sampling_error`.
-    """
+    high of its 95 % interval, bias taken off as in `lidarplace.pog.surrogates.sampling_error`."""
     rows = []
-    for (name, surrogate), own in estimates.groupby(["class", "surrogate"], sort=False):
+    for (name, surrogate), estimates_of_class in estimates.groupby(
+        ["class", "surrogate"], sort=False
+    ):
         drawn = resamples[(resamples["class"] == name) & (resamples["surrogate"] == surrogate)]
         by_placement = drawn.pivot(index="resample", columns="placement", values="value")
-        value = own.set_index("placement")["value"]
+        value = estimates_of_class.set_index("placement")["value"]
         for placement, other in combinations(value.index, 2):
             difference = value[placement] - value[other]
             spread = by_placement[placement] - by_placement[other]
             # As the interval of a value: about the value less its bias, as wide as the resamples.
-            middle, half = 2 * difference - spread.mean(), NORMAL_95 * spread.std()
-            low, high = middle - half, middle + half
+            centre, half = 2 * difference - spread.mean(), NORMAL_95 * spread.std()
+            low, high = centre - half, centre + half
             rows.append((name, surrogate, placement, other, difference, low, high))
     columns = ["class", "surrogate", "placement", "other", "difference", "low", "high"]
     return pd.DataFrame(rows, columns=columns)
 
 
 def separation_sentences(pairs: pd.DataFrame, title: str) -> list[str]:
-    """Does the POG's sampling error blur the ranking of the placements? None for one placement.
+    """Say whether the POG's sampling error blurs the ranking; [] for one placement.
+
     `pairs` are `paired_differences` of the class and setting of `title`."""
-    own = pairs[pairs["surrogate"].isin(HEADLINE_SURROGATES)]
-    if own.empty:
+    headlines = pairs[pairs["surrogate"].isin(HEADLINE_SURROGATES)]
+    if headlines.empty:
         return []
-    apart = (own["low"] > 0) | (own["high"] < 0)
-    kept = apart.groupby(own["surrogate"], sort=False).agg(["sum", "size"])
+    apart = (headlines["low"] > 0) | (headlines["high"] < 0)
+    counts_kept = apart.groupby(headlines["surrogate"], sort=False).agg(["sum", "size"])
     counts = [
         f"{surrogate_name(str(name))} {row['sum']} of {row['size']}"
-        for name, row in kept.iterrows()
+        for name, row in counts_kept.iterrows()
     ]
     verdict = "does not blur" if apart.all() else "blurs"
     return [

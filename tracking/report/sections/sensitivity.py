@@ -1,4 +1,4 @@
-"""The section of sensitivity: how much the placement moves AP and recall of each detector."""
+"""Sensitivity: how much the placement moves AP and recall of each detector."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -8,7 +8,7 @@ import pandas as pd
 from scipy import stats
 
 from lidarplace.base.metrics import headline_metric
-from tracking.kitti_iou import judged_by_all
+from tracking.kitti_iou import at_headline_ious
 from tracking.labels import detector_label, metric_label
 from tracking.pages.section import METRIC, Column, Section, Table, numbers, words
 from tracking.report.analysis import Analysis
@@ -16,9 +16,9 @@ from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
 
-def sensitivity_section(found: Analysis) -> Section | None:
-    """The spread over placements of each metric; None for fewer than two with results."""
-    run, means = found.run, found.means
+def sensitivity_section(analysis: Analysis) -> Section | None:
+    """Show the spread over placements of each metric; None for fewer than two with results."""
+    run, means = analysis.run, analysis.means
     if run.results.empty or run.results["placement"].nunique() < 2:
         return None
     note = (
@@ -29,27 +29,35 @@ def sensitivity_section(found: Analysis) -> Section | None:
     section = Section("Does the placement matter?", [note])
     spreads = sensitivity(means, run.axes)
     for name in (*run.classes, "all"):
-        own = judged_by_all(spreads, run.results, name)
-        section.notes += _most_sensitive(name, own, run.axes)
+        of_class = at_headline_ious(spreads, run.results, name)
+        section.notes += _most_sensitive(name, of_class, run.axes)
     section.tables.append(_sensitivity_table(spreads, run))
     return section
 
 
 def _most_sensitive(object_class: str, spreads: pd.DataFrame, axes: Sequence[str]) -> list[str]:
-    """Where the placement moves 3D AP, or recall, most, relative to its mean."""
-    own = spreads[spreads["metric"] == headline_metric(object_class)].dropna(subset="relative")
-    if own.empty:
+    """Say where the placement moves 3D AP, or recall, most, relative to its mean."""
+    headlines = spreads[spreads["metric"] == headline_metric(object_class)].dropna(
+        subset="relative"
+    )
+    if headlines.empty:
         return []
-    row = own.sort_values("relative").iloc[-1]
-    kinds = "detectors" if len(own[list(axes)].drop_duplicates()) == 1 else "detectors and settings"
+    row = headlines.sort_values("relative").iloc[-1]
+    kinds = (
+        "detectors"
+        if len(headlines[list(axes)].drop_duplicates()) == 1
+        else "detectors and settings"
+    )
     title = detector_label(axes, row.to_dict())
-    who = f" of {title}, the most of {len(own)} {kinds}," if len(own) > 1 else ""
+    of_detector = (
+        f" of {title}, the most of {len(headlines)} {kinds}," if len(headlines) > 1 else ""
+    )
     verdict = f"seeds alone make up to {row['by_chance']:.1f}"
     if np.isnan(row["by_chance"]):
         verdict = "one seed, so it is not known how much of it is chance"
     return [
-        f"{class_label(object_class)}: {metric_label(row['metric'], row['iou'])}{who} varies by "
-        f"{row['spread']:.1f} points, {100 * row['relative']:.0f} % of its mean, "
+        f"{class_label(object_class)}: {metric_label(row['metric'], row['iou'])}{of_detector} "
+        f"varies by {row['spread']:.1f} points, {100 * row['relative']:.0f} % of its mean, "
         f"between {row['worst']} and {row['best']} ({verdict})."
     ]
 
@@ -81,33 +89,34 @@ _quantile = cache(stats.studentized_range.ppf)  # which takes long
 
 
 def sensitivity(means: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
-    """The spread between the best and the worst placement, of `seed_means`.
+    """Compute the spread between the best and the worst placement, of `seed_means`.
 
     One row per (class, detector, axes, metric, iou, difficulty) with at least two placements:
     `mean` over them (percent), `spread` (points), `relative` (spread / mean), and `by_chance`: what
     seeds alone would make of equal placements, points, the 95 % quantile of the studentized range;
-    NaN with one seed each.
-    """
+    NaN with one seed each."""
     keys = ["class", "detector", *axes, "metric", "iou", "difficulty"]
     columns = [*keys, "n", "best", "worst", "mean", "spread", "relative", "by_chance"]
     rows = []
-    known = means[means["seeds"] > 0]
-    for key, own in known.groupby(keys, dropna=False, sort=False):
-        if len(own) < 2:
+    tested = means[means["seeds"] > 0]
+    for key, of_metric in tested.groupby(keys, dropna=False, sort=False):
+        if len(of_metric) < 2:
             continue
-        values = own.set_index("placement")["mean"]
+        values = of_metric.set_index("placement")["mean"]
         spread, mean = float(values.max() - values.min()), float(values.mean())
         relative = spread / mean if mean > 0 else np.nan
         best, worst = values.idxmax(), values.idxmin()
-        rows.append((*key, len(own), best, worst, mean, spread, relative, _by_chance(own)))
+        rows.append(
+            (*key, len(of_metric), best, worst, mean, spread, relative, _by_chance(of_metric))
+        )
     return pd.DataFrame(rows, columns=columns)
 
 
-def _by_chance(own: pd.DataFrame) -> float:
-    freedom = own["seeds"] - 1
+def _by_chance(means: pd.DataFrame) -> float:
+    freedom = means["seeds"] - 1
     if freedom.sum() < 1:
         return np.nan
-    pooled = float(np.sqrt((freedom * own["sd"].fillna(0) ** 2).sum() / freedom.sum()))
+    pooled = float(np.sqrt((freedom * means["sd"].fillna(0) ** 2).sum() / freedom.sum()))
     # Unequal numbers of seeds: Kramer's harmonic mean.
-    seeds = stats.hmean(own["seeds"])
-    return float(_quantile(CHANCE, len(own), int(freedom.sum())) * pooled / np.sqrt(seeds))
+    seeds = stats.hmean(means["seeds"])
+    return float(_quantile(CHANCE, len(means), int(freedom.sum())) * pooled / np.sqrt(seeds))

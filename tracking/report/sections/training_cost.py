@@ -1,4 +1,4 @@
-"""The section of shorter trainings: AP against seconds."""
+"""Shorter trainings: AP against seconds."""
 
 from collections.abc import Sequence
 
@@ -18,9 +18,9 @@ from tracking.pages.section import Column, Section, Table, numbers, slug
 from tracking.report.analysis import Analysis
 
 
-def training_cost_section(found: Analysis) -> Section | None:
-    """AP of shorter trainings and the ranks they give; None if all are as long."""
-    run = found.whole
+def training_cost_section(analysis: Analysis) -> Section | None:
+    """Show AP of shorter trainings and the ranks they give; None if all are as long."""
+    run = analysis.whole
     if not varied_cost_axes(run.results):
         return None
     section = Section("Training: error against run time", columns=2)
@@ -40,15 +40,15 @@ def training_cost_section(found: Analysis) -> Section | None:
     for title, part in by_setting(cost, further):
         # Means are over the same placements; promotion trains more of them short than long.
         summary = summarise_cost(part[part["reference_ap"].notna()], varied)
-        for name, own in summary.groupby("class", sort=False):
+        for name, of_class in summary.groupby("class", sort=False):
             label = f"{name} · {title}" if title else str(name)
-            section.figures.append(training_cost_figure(own, varied, text(label)))
-            section.tables.append(training_cost_table(own, varied, label))
+            section.figures.append(training_cost_figure(of_class, varied, text(label)))
+            section.tables.append(training_cost_table(of_class, varied, label))
     return section
 
 
 def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) -> Table:
-    """`tracking.findings.training_cost.summarise_cost` of one class and setting as text."""
+    """Show `tracking.findings.training_cost.summarise_cost` of one class and setting as text."""
     columns = [
         Column(
             "detector",
@@ -71,20 +71,21 @@ def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) 
 
 
 def training_cost_figure(summary: pd.DataFrame, axes: Sequence[str], title: str) -> go.Figure:
-    """AP below the longest training over seconds: a line a detector, bars a standard deviation.
+    """Draw AP below the longest training over seconds: a line a detector, bars one sd.
+
     `summary` is `summarise_cost` of one class and setting, `axes` name the points."""
     plot = figure(title, height=380)
-    for i, (detector, own) in enumerate(summary.groupby("detector", sort=False)):
-        own = own.sort_values("seconds")
-        shapes = ["star" if best else symbol(i) for best in own["reference"]]
+    for i, (detector, of_detector) in enumerate(summary.groupby("detector", sort=False)):
+        of_detector = of_detector.sort_values("seconds")
+        shapes = ["star" if best else symbol(i) for best in of_detector["reference"]]
         plot.add_scatter(
-            x=own["seconds"].to_numpy(),
-            y=own["error"].to_numpy(),
-            error_y=error_bars(own["error_sd"].fillna(0), thickness=1),
+            x=of_detector["seconds"].to_numpy(),
+            y=of_detector["error"].to_numpy(),
+            error_y=error_bars(of_detector["error_sd"].fillna(0), thickness=1),
             mode="lines+markers+text",
             line={"color": colour(i), "width": 1.5},
             marker={"size": 10, "symbol": shapes},
-            text=[setting_label(axes, row) for row in own.to_dict("records")],
+            text=[setting_label(axes, row) for row in of_detector.to_dict("records")],
             textposition="top right",
             textfont={"size": 10},
             cliponaxis=False,

@@ -1,4 +1,4 @@
-"""The section about run time: seconds by stage, and parallel efficiency."""
+"""Run time: seconds by stage, and parallel efficiency."""
 
 import pandas as pd
 
@@ -7,9 +7,9 @@ from tracking.pages.section import Section, Table, numbers, words
 from tracking.report.analysis import Analysis
 
 
-def where_time_went(found: Analysis) -> Section:
-    """Task seconds of every stage, and how well the cores were kept at work."""
-    run = found.run
+def where_time_went(analysis: Analysis) -> Section:
+    """Show task seconds of every stage, and how well the cores were kept at work."""
+    run = analysis.run
     section = Section("Where the time went")
     if run.tasks is None or run.tasks.empty:
         section.notes.append("The run folder has no tasks.parquet.")
@@ -20,8 +20,8 @@ def where_time_went(found: Analysis) -> Section:
             f" It found {before:,} of the {len(run.tasks):,} results in place, so this is not the "
             "time of the whole sweep."
         )
-        said = f"The last command took {run.sweep.seconds:,.0f} s on the clock."
-        section.notes.append(said + (more if before else ""))
+        duration = f"The last command took {run.sweep.seconds:,.0f} s on the clock."
+        section.notes.append(duration + (more if before else ""))
     if run.tasks["started"].isna().all():
         section.notes.append("No task ran, so no efficiency.")
         return section
@@ -58,7 +58,7 @@ def _sentences(tasks: pd.DataFrame, cores: int) -> list[str]:
 
 
 def reduced_batches(tasks: pd.DataFrame | None) -> list[str]:
-    """A warning if trainings ran out of memory and went on with smaller batches."""
+    """Warn if trainings ran out of memory and continued with smaller batches."""
     if tasks is None or not tasks["batch_size_reduced"].any():
         return []
     labels = tasks.loc[tasks["batch_size_reduced"].astype(bool), "label"].unique().tolist()
@@ -70,16 +70,15 @@ def reduced_batches(tasks: pd.DataFrame | None) -> list[str]:
 
 
 def stage_times(tasks: pd.DataFrame) -> pd.DataFrame:
-    """Seconds of every stage in the order of `tasks`, of those tasks that ran.
+    """Sum the seconds of every stage in the order of `tasks`, of those tasks that ran.
 
     Columns stage, tasks, task_seconds, wall (from its first start to its last end), overhead (mean
-    over tasks of the seconds beyond the task's own) and peak_memory (bytes, the largest).
-    """
+    over tasks of the seconds beyond the task's own) and peak_memory (bytes, the largest)."""
     rows = []
-    for stage, own in tasks[tasks["started"].notna()].groupby("stage", sort=False):
-        wall = own["ended"].max() - own["started"].min()
-        overhead = (own["ended"] - own["started"] - own["seconds"]).mean()
-        spent = (own["seconds"].sum(), wall, overhead)
-        rows.append((stage, len(own), *spent, own["peak_memory"].max()))
+    for stage, of_stage in tasks[tasks["started"].notna()].groupby("stage", sort=False):
+        wall = of_stage["ended"].max() - of_stage["started"].min()
+        overhead = (of_stage["ended"] - of_stage["started"] - of_stage["seconds"]).mean()
+        spent = (of_stage["seconds"].sum(), wall, overhead)
+        rows.append((stage, len(of_stage), *spent, of_stage["peak_memory"].max()))
     columns = ["stage", "tasks", "task_seconds", "wall", "overhead", "peak_memory"]
     return pd.DataFrame(rows, columns=columns)

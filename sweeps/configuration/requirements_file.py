@@ -1,0 +1,172 @@
+"""What a file of requirements asks: its rigs, and its requirements laid out around the vehicle."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from lidarplace.base.errors import InputError, at
+from lidarplace.base.number_text import point
+from lidarplace.base.plugin_folders import plugin_folder
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.clouds.own_body import check_mounts
+from lidarplace.configuration.mounting import KeepOuts, KeepOutSettings, carrier_of, keep_out_boxes
+from lidarplace.configuration.placement import (
+    PlacementSettings,
+    read_placement,
+    read_placement_settings,
+)
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.settings import FilePath, Name, Settings, short_for
+from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
+from lidarplace.mounting.common_view import check_pairs
+from lidarplace.mounting.vehicle import Vehicle, depth_in
+from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
+from lidarplace.requirements.layout import RequirementLayout, lay_out
+from lidarplace.requirements.requirement import KIND_OF, dead_sets
+from lidarplace.requirements.settings import Requirements, RequirementSettings
+from lidarplace.rigs.further_sensors import MountedSensor
+from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
+from sweeps.configuration.file import ConfigError, read_yaml
+from sweeps.configuration.file import check as check_file
+from sweeps.configuration.rigs import check_names
+
+
+class RequirementsFile(Settings):
+    """A file of `lidarplace requirements`: rigs, their vehicle, and what has to be seen."""
+
+    lidar: Annotated[SensorSettings, short_for("name")] = Field(
+        SensorSettings(), description="the LiDARs, unless a mount has its own"
+    )
+    vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
+    keep_out: KeepOuts = Field(default={})
+    placements: dict[Name, PlacementSettings] = Field(
+        default={}, description="own placements by name"
+    )
+    rigs: tuple[Name, ...] = Field(
+        (),
+        description="rigs to check: own placements, the paper's by name, FILE.yaml with mounts, "
+        "run folders of searches; by default all own ones, or else the paper's eight",
+    )
+    curves: FilePath | None = Field(
+        None,
+        description="detection curves, a file of lidarplace calibrate; those of the package "
+        "if null",
+    )
+    requirements: Requirements = Field(min_length=1, description="what has to be seen")
+
+
+@dataclass(frozen=True)
+class RequirementsCheck:
+    """Rigs of different names, the vehicle that carries them, to whose body belongs what is kept
+    out, the requirements, laid out around it, and cameras and radars of each rig."""
+
+    rigs: tuple[Placement, ...]
+    vehicle: Vehicle
+    laid: tuple[RequirementLayout, ...]
+    further: tuple[tuple[MountedSensor, ...], ...]
+
+
+def read_requirements_check(path: Path, overrides: Sequence[str] = ()) -> RequirementsCheck:
+    """Read a file, its rigs and curves, and lay out its requirements. Raises ValueError, which
+    names file, key and what is wrong, and OSError."""
+    raw = read_yaml(path, overrides, RequirementsFile)
+    with at(path, ConfigError), plugin_folder(path.parent):
+        file = check_file(RequirementsFile, raw, path)
+        curves = default_curves() if file.curves is None else read_curves(file.curves)
+        body = vehicle_of(file.vehicle)
+        rigs, further = zip(*_rigs(file), strict=True)
+        for rig, others in zip(rigs, further, strict=True):
+            check_rig_fits(rig, body, file.requirements, others)
+            _check_kept_out(rig, file.keep_out)
+        vehicle = vehicle_of(carrier_of(file.vehicle, file.keep_out))
+        return RequirementsCheck(
+            rigs, vehicle, lay_out_requirements(file.requirements, vehicle, curves), further
+        )
+
+
+def lay_out_requirements(
+    requirements: Sequence[RequirementSettings],
+    vehicle: Vehicle,
+    curves: DetectionCurves,
+    key: str = "requirements",
+) -> tuple[RequirementLayout, ...]:
+    """Each of those of a key around the vehicle. Raises InputError."""
+    laid = []
+    for number, settings in enumerate(requirements):
+        with at(key=f"{key}[{number}] {settings.name!r}"):
+            laid.append(lay_out(settings.requirement(vehicle, curves), vehicle))
+    return tuple(laid)
+
+
+def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, ...]]]:
+    lidar = file.lidar.lidar()
+    check_names(file.placements)
+    names = file.rigs or tuple(file.placements) or tuple(PAPER_PLACEMENTS)
+    if len(set(names)) < len(names):
+        raise InputError("duplicates", key="rigs", found=", ".join(names))
+    rigs = []
+    for name in names:
+        if name in file.placements:
+            own = file.placements[name]
+            with at(key=f"placements.{name}"):
+                rigs.append((own.placement(name, lidar), own.further()))
+        elif name in PAPER_PLACEMENTS:
+            rigs.append((PAPER_PLACEMENTS[name].with_lidar(lidar), ()))
+        elif Path(name).is_dir() or name.endswith((".yaml", ".yml")):
+            path = Path(name) / "placement.yaml" if Path(name).is_dir() else Path(name)
+            rig = replace(read_placement(path, lidar), name=name)
+            with at(path):
+                rigs.append((rig, read_placement_settings(path).further()))
+        else:
+            known = [*file.placements, *PAPER_PLACEMENTS]
+            problem = f"no placement {name!r}{did_you_mean(name, known)}"
+            expected = f"{', '.join(known)}, a FILE.yaml, a run folder"
+            raise InputError(problem, key="rigs", expected=expected)
+    return rigs
+
+
+def _check_kept_out(rig: Placement, keep_out: Mapping[str, KeepOutSettings]) -> None:
+    for name, box in zip(keep_out, keep_out_boxes(keep_out), strict=True):
+        for number, mount in enumerate(rig.mounts, start=1):
+            if depth_in(box[None], np.array([mount.position])).any():
+                problem = f"LiDAR {number} at {point(*mount.position)} is inside keep_out.{name}"
+                raise InputError(problem, key=repr(rig.name))
+
+
+def check_rig_fits(
+    rig: Placement,
+    vehicle: Vehicle,
+    requirements: Sequence[RequirementSettings],
+    further: Sequence[MountedSensor] = (),
+) -> None:
+    """Raise ValueError if a LiDAR is inside of the vehicle's body, and as `check_lidars`."""
+    check_lidars(rig, requirements)
+    kinds = ["lidar"] * len(rig.mounts) + [sensor.kind for sensor in further]
+    for own in requirements:
+        check_dead_sensors(own, kinds)
+        if own.common_view is not None:
+            with at(key=f"{own.name!r}: {rig.name!r}"):
+                check_pairs(own.common_view.view(), len(kinds))
+    check_mounts(rig, vehicle)
+
+
+def check_lidars(rig: Placement, requirements: Sequence[RequirementSettings]) -> None:
+    """Raise ValueError if a LiDAR cannot be asked, as `RequirementSettings.not_of` says."""
+    for own in requirements:
+        for number, lidar in enumerate(rig.lidars, start=1):
+            if (found := own.not_of(lidar)) is not None:
+                key, told = found
+                problem = f"LiDAR {number} of {rig.name!r}: {told}"
+                raise InputError(problem, key=f"{own.name!r}: {key}")
+
+
+def check_dead_sensors(own: RequirementSettings, kinds: Sequence[str]) -> None:
+    """Raise ValueError if sensors of a rig, of these kinds, can be dead in too many ways."""
+    needs = () if own.at_least is None else own.at_least.needs
+    count = {KIND_OF.get(measure, "lidar") for measure, _ in needs}
+    with at(key=f"{own.name!r}: also_when.sensors_dead"):
+        dead_sets(own.also_when.sensors_dead or 0, sum(kind in count for kind in kinds))

@@ -1,0 +1,64 @@
+"""The stage that compares ways of computing surrogates: error against run time."""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import pandas as pd
+
+from lidarplace import Placement, Roi
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.pog.surrogates.error_against_time import accuracy
+from lidarplace.pog.surrogates.table import SURROGATES
+from sweeps.stages.stage import OCCLUSION_BYTES, VoxelStage, training_log
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """Columns of `lidarplace.pog.surrogates.error_against_time.accuracy`, less placement."""
+
+    table: pd.DataFrame
+
+
+@dataclass(frozen=True)
+class AccuracyStage(VoxelStage[Accuracy]):
+    """Compute surrogates of one class in several ways.
+
+    The ways are methods, and the given resolutions, azimuth steps and shares of the frames.
+    """
+
+    placement: Annotated[Placement, "placement", "lidar", "weather"]
+    roi: Annotated[Roi, "roi", "surrogate.resolution"]
+    detection_probability: Annotated[float, "surrogate.detection_probability"]
+    occlusion: Annotated[bool, "surrogate.occlusion"]
+    object_class: Annotated[str, "classes"]
+    names: Annotated[tuple[str, ...], "surrogate.names"]
+    resolutions: tuple[float, ...]
+    azimuth_steps: tuple[int, ...]
+    frame_shares: tuple[float, ...]
+
+    name = "accuracy"
+    order = 120
+    tables: ClassVar = {"table": "accuracy"}
+
+    def modules(self) -> tuple[str, ...]:
+        return (*super().modules(), *SURROGATES.modules(self.names))
+
+    def bytes_per_voxel(self) -> int:
+        return 15 + OCCLUSION_BYTES * self.occlusion
+
+    def run(self, *logs: BoxLog) -> Accuracy:
+        log = training_log(logs)
+        table = accuracy(
+            log.boxes,
+            log.frames,
+            self.roi,
+            [self.object_class],
+            [self.placement],
+            resolutions=self.resolutions,
+            azimuth_steps=self.azimuth_steps,
+            frame_shares=self.frame_shares,
+            detection_probability=self.detection_probability,
+            occlusion=self.occlusion,
+            surrogates=self.names,
+        )
+        return Accuracy(table.drop(columns="placement"))

@@ -1,1 +1,0 @@
-"""Units of work: the functions of the stages, and the keys that name their results."""
