@@ -311,5 +311,6 @@ def _add_steep_beams(tile, n, sines, graphs, covered):
 @inlined
 def _steep_in(tile, start, end, n, sines, graphs):
     """Return whether voxels hold a sine outside `sines[graphs[0]:graphs[1]]`."""
-    first, last = sines_between(sines, *sine_range(*_box_in(tile, start, end), n))
+    low, high = _box_in(tile, start, end)
+    first, last = sines_between(sines, *sine_range(low, high, n))
     return first < last and (first < graphs[0] or last > graphs[1])
