@@ -102,7 +102,7 @@ def _as_json(outcome: RequirementResult) -> dict[str, Any]:
         "measure": wanted.measured,
         "at_least": wanted.least,
         "for": wanted.share,
-        "cases": [case_row(outcome, finding) for finding in outcome.findings],
+        "cases": [case_row(outcome, case) for case in outcome.cases],
     }
 
 

@@ -156,7 +156,7 @@ def check_rig_fits(
         check_dead_sensors(requirement, kinds)
         if requirement.common_view is not None:
             with at(key=f"{requirement.name!r}: {rig.name!r}"):
-                check_pairs(requirement.common_view.asked(), len(kinds))
+                check_pairs(requirement.common_view.view(), len(kinds))
     check_mounts(rig, vehicle)
 
 

@@ -161,19 +161,20 @@ STUDIES: tuple[Study, ...] = (plan_accuracy, plan_sampling_error)
 def _is_studied(planning: Planning, grid_point: GridPoint) -> bool:
     """Whether the placement is among those studied; with rungs, whatever is promoted is."""
     most = grid_point.point.surrogate.studied_placements
-    chosen = spread(planning.placements, most)
-    return grid_point.point.placement in chosen or bool(planning.sweep.common.promote)
+    studied = planning.once(_studied_placements, planning, most)
+    return grid_point.point.placement in studied or bool(planning.sweep.common.promote)
+
+
+def _studied_placements(planning: Planning, most: int) -> set[str]:
+    """Select at most `most` placements, evenly from the first to the last."""
+    names = planning.placements
+    places = np.linspace(0, len(names) - 1, min(most, len(names)), dtype=int)
+    return {names[place] for place in places}
 
 
 def _studied_surrogates(grid_point: GridPoint) -> tuple[str, ...]:
     named = (name for name in grid_point.point.surrogate.names if name in POG_SURROGATES)
     return tuple(dict.fromkeys((*ASKED_OF_POG.own, *named)))
-
-
-def spread(names: Sequence[str], most: int) -> set[str]:
-    """Select at most `most` of `names`, evenly from the first to the last."""
-    places = np.linspace(0, len(names) - 1, min(most, len(names)), dtype=int)
-    return {names[place] for place in places}
 
 
 def _resolutions(roi: Roi) -> tuple[float, ...]:

@@ -23,7 +23,7 @@ from lidarplace.configuration.placement import read_placement, read_placement_se
 from lidarplace.mounting.common_view import CommonView, common_view
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Area
-from lidarplace.requirements.cameras_and_radars import seen_by_each
+from lidarplace.requirements.cameras_and_radars import measure_each
 from lidarplace.requirements.check_requirements import by_several, check_requirements
 from lidarplace.requirements.layout import lay_out
 from lidarplace.requirements.requirement import AlsoWhen, PlacedObject, Requirement
@@ -54,7 +54,7 @@ def sensors_of(*settings):
 
 def on(settings, *boxes, vehicle=NOTHING, object_class=None):
     sensors = sensors_of(settings)
-    return seen_by_each(sensors, np.array(boxes, np.float64), object_class, RIG, vehicle)[:, 0]
+    return measure_each(sensors, np.array(boxes, np.float64), object_class, RIG, vehicle)[:, 0]
 
 
 def test_pixels_of_a_wall_by_hand():
@@ -129,7 +129,7 @@ def test_a_requirement_of_two_kinds():
     assert found(behind, sensors=1).met
     assert found(behind, sensors=2, kinds=2).worst.value == 0.0
     dead = found(ahead, sensors=2, kinds=2, also_when=AlsoWhen(sensors_dead=1))
-    assert [own.case for own in dead.findings] == [
+    assert [own.case for own in dead.cases] == [
         "as built", "without LiDAR 1", "without camera 1", "without radar 1",
     ]  # fmt: skip
     assert dead.met

@@ -7,7 +7,7 @@ from unittest.mock import patch
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from lidarplace.base.code_version import code_version
+from lidarplace.base.code_version import code_version, forget_versions
 from lidarplace.base.plugin_folders import PLUGINS
 from lidarplace.base.registry import OneOf, PluginError, Registry, _entry_points
 from sweeps.execution.ray_cluster import _cluster_environment, _plug_ins, _python_path
@@ -19,13 +19,12 @@ from sweeps.stages.recall import RecallStage
 def site(tmp_path, monkeypatch):
     """A folder on the path, in which `install` puts distributions of one module."""
     monkeypatch.syspath_prepend(tmp_path)
-    caches = (_entry_points, code_version)
-    for kept in caches:
-        kept.cache_clear()
+    _entry_points.cache_clear()
+    forget_versions()
     with patch.dict(PLUGINS, clear=True):
         yield tmp_path
-    for kept in caches:
-        kept.cache_clear()
+    _entry_points.cache_clear()
+    forget_versions()
     for name in [name for name in sys.modules if name.startswith("plug_")]:
         del sys.modules[name]
 
@@ -108,7 +107,7 @@ def test_settings_look_names_up_when_they_are_read(site):
 
 def test_keys_follow_the_code_of_a_plug_in(site):
     def keys():
-        code_version.cache_clear()
+        forget_versions()
         return code_version("lidarplace.base.errors"), code_version(
             "lidarplace.base.errors", "plug_a"
         )

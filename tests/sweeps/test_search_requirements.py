@@ -50,8 +50,8 @@ def test_a_search_in_fog_has_lidars_in_fog(tmp_path):
     assert dim.key != read_problem(clear).key
     problems = (dim, cases, read_problem(clear))
     seen = [problem.criteria.carrier.requirement_results(RIG)[0] for problem in problems]
-    assert seen[0].findings[0].value == seen[1].findings[1].value < seen[2].findings[0].value
-    assert seen[1].findings[1].case == "visibility 3 m"
+    assert seen[0].cases[0].value == seen[1].cases[1].value < seen[2].cases[0].value
+    assert seen[1].cases[1].case == "visibility 3 m"
 
 
 def test_a_requirement_is_a_constraint_and_its_margin_an_objective(tmp_path):
@@ -139,7 +139,7 @@ def test_rigs_that_are_found_meet_all_requirements(tmp_path):
     outcomes = problem.criteria.carrier.requirement_results(rig)
     assert all(outcome.met for outcome in outcomes)
     cases = folder.requirements[folder.requirements["rig"] == folder.search.best[0]]
-    assert cases["value"].tolist() == [f.value for own in outcomes for f in own.findings]
+    assert cases["value"].tolist() == [f.value for own in outcomes for f in own.cases]
     assert cases["met"].all()
     ground = folder.grounds.under(folder.search.best[0], LEFT["name"])
     assert np.nanmin(ground.least) == outcomes[1].least_of.min()

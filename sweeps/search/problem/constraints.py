@@ -168,7 +168,7 @@ def _of_requirements(rig: Rig, carrier: Carrier) -> dict[str, float]:
     measures = {}
     for name, outcome in zip(names, carrier.requirement_results(rig), strict=True):
         measures[name] = outcome.worst.value
-        measures[f"enough.{name}"] = min(finding.enough for finding in outcome.findings)
+        measures[f"enough.{name}"] = min(case.enough for case in outcome.cases)
     return measures
 
 

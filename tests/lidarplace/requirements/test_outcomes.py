@@ -62,7 +62,7 @@ def test_keep_outs_remove_positions_and_move_none(body, area):
         return outcome(where, "points", placed=cube, vehicle=vehicle, step=0.3)
 
     plain, high, kept = found(body), *(found(with_keep_outs(body, own)) for own in (ANTENNA, STEP))
-    assert high.findings == plain.findings
+    assert high.cases == plain.cases
     np.testing.assert_array_equal(high.least_of, plain.least_of)
     points, (middle, half) = plain.positions.points, (STEP.mean(axis=1), np.ptp(STEP, axis=1) / 2)
     apart = (np.abs(points[:, None] - middle[:, :2]) >= half[:, :2] + 0.2).any(axis=2).all(axis=1)
@@ -128,7 +128,7 @@ def test_cases_are_rigs_on_their_own(measure):
         "mounts off, draw 2": off.drawn(RIG, 1),
     }
     alone = {case: outcome(*asked, rig, step=0.5).worst.value for case, rig in rigs.items()}
-    assert [(own.case, own.value) for own in found.findings] == [*alone.items()]
+    assert [(own.case, own.value) for own in found.cases] == [*alone.items()]
     assert len({*alone.values()}) > 2
     assert found.worst.value == min(alone.values())
 
@@ -242,7 +242,7 @@ def test_several_sensors_against_single_rays(hits, measure, sensors, dead):
     curve = CURVE if measure == "probability" else None
     case = AlsoWhen(sensors_dead=dead)
     found = of_three(measure=measure, curve=curve, cell=0.2, sensors=sensors, also_when=case)
-    assert [own.value for own in found.findings] == pytest.approx([min(own) for own in expected])
+    assert [own.value for own in found.cases] == pytest.approx([min(own) for own in expected])
     assert found.least_of == pytest.approx(np.min(expected, axis=0))
     assert found.least_of.max() > 0 or sensors + dead > 3
 
@@ -252,7 +252,7 @@ def test_two_dead_of_three_are_the_one_that_is_left(measure):
     wanted = {"measure": measure, "placed": None if measure == "coverage" else TURNED}
 
     def values(**case):
-        findings = of_three(**wanted, also_when=AlsoWhen(**case)).findings[1:]
+        findings = of_three(**wanted, also_when=AlsoWhen(**case)).cases[1:]
         return {own.case: own.value for own in findings}
 
     alone = [of_three(Placement("one", [THREE.mounts[n]], FEW), **wanted).worst for n in (2, 1, 0)]
