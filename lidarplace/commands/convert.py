@@ -38,7 +38,7 @@ from lidarplace.scenes.sanity_checks.check_log import check_log, error_of, impla
 Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
 
 READERS: Registry[Callable[[Path, Counter[str]], BoxLog]] = Registry("lidarplace.readers", {})
-"""What other packages read: a function of a path and of the boxes left out by class."""
+"""Readers of other packages: a function of a path and of the boxes left out by class."""
 
 
 class _Readers(TyperGroup):

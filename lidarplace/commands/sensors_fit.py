@@ -26,7 +26,7 @@ from lidarplace.rigs.catalogue.datasheet import FRAMES_PER_S, Datasheet, catalog
 from lidarplace.rigs.placement import Mount
 
 MOST_CLOUDS = 10
-"""Of a folder: more sweeps say little more."""
+"""Clouds of a folder that are fitted: more sweeps add little."""
 OTHER_RATE = 0.1
 """Share of the catalogue's steps by which a LiDAR that turns at another rate differs."""
 

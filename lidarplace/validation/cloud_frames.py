@@ -16,7 +16,7 @@ from lidarplace.validation.fit import Thinning
 from lidarplace.validation.simulation import Recording, sectors_of
 
 FATES = ("in the box", "hidden", "passed beyond", "lost")
-"""What a real LiDAR did where a simulated ray meets an object: it met the object, too; something
+"""Fate of a real ray where a simulated one meets an object: it met the object, too; something
 nearer that nobody labelled; something behind; or nothing came back."""
 
 _NEAR_RAY = np.radians(0.35)  # a return so close to a simulated ray belongs to the same firing

@@ -180,14 +180,6 @@ def _corrected_points(
     return points
 
 
-def _table_of_fits(by_route: Mapping[object, Thinning], counted: pd.DataFrame) -> pd.DataFrame:
-    rows = []
-    for route, (fit, _) in by_route.items():
-        row = {"route": route, "boxes": int((counted["route"] == route).sum())}
-        rows.append({**row, **fit.factor, "distance": fit.distance or math.inf})
-    return pd.DataFrame(rows)
-
-
 def _check_counts(boxes: pd.DataFrame, folder: Path) -> None:
     for name, column in points_of(boxes).items() if POINTS in boxes else ():
         total = boxes[[POINTS, column]].dropna().sum()

@@ -17,12 +17,10 @@ from lidarplace.detections.read import COLUMNS, LAYOUTS, read_detections
 from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS, GEOMETRY, SIZE, SOURCE, full_poses
 from lidarplace.scenes.datasets import argoverse, waymo
-from lidarplace.scenes.datasets.argoverse import read_argoverse
 from lidarplace.scenes.datasets.nuscenes import read_nuscenes
-from lidarplace.scenes.datasets.waymo import read_waymo
 from lidarplace.scenes.kitti.calibration import STANDARD, calibration_text
 from lidarplace.scenes.kitti.labels import label_lines, to_labels
-from tests.lidarplace import argoverse_layout, nuscenes_layout, waymo_layout
+from tests.lidarplace import nuscenes_layout
 from tests.refused import refused
 from training.kitti_ap import evaluate_boxes
 
@@ -34,7 +32,6 @@ NAMES = {
     "waymo": {"Car": 1, "Cyclist": 4, "Pedestrian": 2},
     "parquet": dict(zip(CLASSES, CLASSES, strict=True)),
 }
-SAME = ["frame", "class", *GEOMETRY]
 SOURCES = {
     "kitti": "{:06d}",
     "nuscenes": "{:032x}",
@@ -240,24 +237,3 @@ def test_annotations_of_nuscenes_are_its_detections(tmp_path):
     (tmp_path / "found.json").write_text(json.dumps({"results": {row["sample_token"]: [row]}}))
     found = read_detections([tmp_path / "found.json"], log, CLASSES)
     assert found[list(GEOMETRY)].to_numpy() == pytest.approx(log.boxes[list(GEOMETRY)].to_numpy())
-
-
-def test_annotations_of_argoverse_are_its_detections(tmp_path):
-    box = argoverse_layout.Box(5, "BICYCLIST", (10.0, 1.0, 0.5), rotation=(0.8, 0.0, 0.0, 0.6))
-    poses = {5: (argoverse_layout.LEVEL, (1.0, 2.0, 3.0))}
-    drive = argoverse_layout.Log("val", "01bb", [box], poses)
-    log = read_argoverse(argoverse_layout.write_argoverse(tmp_path, [drive]))
-    own = pd.read_feather(tmp_path / "val" / "01bb" / "annotations.feather")
-    own.assign(log_id="01bb", score=0.5).to_feather(tmp_path / "found.feather")
-    found = read_detections([tmp_path / "found.feather"], log, CLASSES)
-    pd.testing.assert_frame_equal(found[SAME], log.boxes[SAME], check_dtype=False)
-
-
-def test_boxes_of_waymo_are_its_detections(tmp_path):
-    box = waymo_layout.Box(100_000, 4, (12.0, -2.0, 0.9), (1.8, 0.7, 1.7), 0.3, "rider")
-    segment = waymo_layout.Segment("training", "s1", {100_000: np.eye(4)}, [box])
-    log = read_waymo(waymo_layout.write_waymo(tmp_path, [segment]))
-    (path,) = (tmp_path / "training" / "lidar_box").iterdir()
-    pd.read_parquet(path).assign(score=0.5).to_parquet(tmp_path / "found.parquet")
-    found = read_detections([tmp_path / "found.parquet"], log, CLASSES)
-    pd.testing.assert_frame_equal(found[SAME], log.boxes[SAME], check_dtype=False)

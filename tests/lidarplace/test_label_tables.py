@@ -196,8 +196,6 @@ def cell(column, value):
 
 MISTAKES = {
     "an object twice": ({}, lambda t: pd.concat([t, t[:3]]), "the first is row 144 with '0-0' of"),
-    "NaN": ({}, cell("heading", math.nan), "row 5: heading: "),
-    "text": ({}, cell("posY", "left"), "row 5: posY: "),
     "negative": ({}, cell("wid", -1800), "row 5: wid: "),
     "no row": ({}, lambda t: t[:0], "no rows"),
     "radians as degrees": (

@@ -50,9 +50,9 @@ COUNTS = {
 }
 """Column of real points -> that of the box log. Versions before 2.0.1 have none of the second."""
 LIDARS = ("TOP", "FRONT", "SIDE_LEFT", "SIDE_RIGHT", "REAR")
-"""In the order of their numbers, from 1."""
+"""LiDARs in the order of their numbers, from 1."""
 IMAGE = {"TOP": (64, 2650, 75.0)}
-"""Of a range image: beams, azimuth steps of a turn, and metres that it was cut to
+"""Range image: beams, azimuth steps of a turn, and metres that it was cut to
 (https://waymo.com/open/data/perception)."""
 SHORT_RANGE_IMAGE = (200, 600, 20.0)  # of the others
 _CALIBRATION = "[LiDARCalibrationComponent]"

@@ -14,7 +14,7 @@ from lidarplace.logs.plausibility import LogCheck
 from lidarplace.scenes.label_tables.units import AngleUnit, LengthUnit, TimeUnit
 
 Value = Annotated[Name, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
-"""Of a column: text, or a number that names something."""
+"""Value of a column: text, or a number that names something."""
 
 
 class Columns(Settings):
