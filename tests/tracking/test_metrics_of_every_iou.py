@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from lidarplace.base.metrics import EVERY_IOU, RANKING
-from sweeps.configuration.search import ObjectiveSettings
+from sweeps.configuration.objective import ObjectiveSettings
 from sweeps.configuration.sweep import Rung
 from sweeps.results.trial_results import headline_value
 from sweeps.search.trials.aggregate import weighted_value
