@@ -22,7 +22,9 @@ from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
 from lidarplace.coverage.bits import Bits, empty, exchange_columns, pack
-from lidarplace.coverage.cone_kernels import Columns, Sensor, cover_tiles, cover_voxels, keep_seen
+from lidarplace.coverage.cone_columns import Columns, cover_tiles
+from lidarplace.coverage.cone_sines import Sensor
+from lidarplace.coverage.cone_voxels import cover_voxels, keep_seen
 from lidarplace.coverage.rays import covered_by_rays
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.rigs.lidar import Lidar

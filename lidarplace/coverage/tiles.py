@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.coverage.cone_kernels import TILE_X, TILE_Y
+from lidarplace.coverage.cone_columns import TILE_X, TILE_Y
 
 
 @dataclass(frozen=True, eq=False)

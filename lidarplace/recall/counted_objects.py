@@ -34,8 +34,8 @@ from lidarplace.mounting.housing import COLUMNS, housings_in, without
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.surface_cells import (
     NO_LOSS,
-    Frames,
     Loss,
+    ObjectFrames,
     SurfaceCells,
     slices_of,
     surface_cells,
@@ -173,7 +173,7 @@ class CountedObjects:
         return Loss(lidar.drop_off, factors, np.array(keys, np.uint64).reshape(-1, 3))
 
     @cached_property
-    def frames(self) -> Frames:
+    def frames(self) -> ObjectFrames:
         """The objects and what stands around them, for mounts no farther off than the ROI."""
         return self._frames(self._reach)
 
@@ -183,7 +183,7 @@ class CountedObjects:
         corner = np.maximum(np.abs(self._crop[:3]), np.abs(self._crop[3:]))
         return float(np.hypot(*corner[:2]))
 
-    def _frames(self, reach: float) -> Frames:
+    def _frames(self, reach: float) -> ObjectFrames:
         """With all buildings that stand no farther off than `reach`, and so can stand before the
         ROI."""
         geometry = self.geometry
@@ -200,7 +200,7 @@ class CountedObjects:
         world = [self._surroundings.world(number) for number in numbers.tolist()]
         turns = [np.eye(3) if own is None else own.turn for own in world]
         shifts = [np.zeros(3) if own is None else own.shift for own in world]
-        return Frames(
+        return ObjectFrames(
             parts=np.concatenate([np.empty((0, 10)), *(own.geometry for own in parts)]),
             owner=np.concatenate([np.empty(0, np.int32), *owners]).astype(np.int32),
             reflectivity=np.concatenate([np.empty(0), *(own.reflectivity for own in parts)]),

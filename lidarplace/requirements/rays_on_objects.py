@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import inner, njit
-from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, window
+from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, window_of
 from lidarplace.clouds.raycast import (
     Beams,
     along,
@@ -180,18 +180,18 @@ def _hit(sight, parts, reflectivity, cell, missed):
     for p in range(len(parts)):
         framed, shape = False, (1, 1, 1)
         fill_corners(parts[p], corners)
-        azimuth, right, left, lowest, highest, near, _ = window(corners, origin, rotation)
-        if near > beams.reach:
+        window = window_of(corners, origin, rotation)
+        if window.nearest > beams.reach:
             continue
         facing = fill_planes(parts[p], origin, rotation, planes)
         if facing == 0:
             continue
-        for beam in range(*beams_in(beams, azimuth, right, left)):
-            if not lowest <= beams.elevations[beam, 0] <= highest:
+        for beam in range(*beams_in(beams, window)):
+            if not window.lowest <= beams.elevations[beam, 0] <= window.highest:
                 continue
             ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
             cosines, sines = along(beams, beam)
-            for first, last in runs(beams, beam, azimuth, right, left):
+            for first, last in runs(beams, beam, window):
                 if first >= last:
                     continue
                 fired = cosines[first:last], sines[first:last], ce, se

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from small_log import write_small_log, write_sweep
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.clouds.collect import crop_for
@@ -17,10 +16,11 @@ from sweeps.plan.plan import make_plan
 from sweeps.search.problem.problem import read_problem
 from tests.mlflow_database import write_database
 from tests.refused import refused
+from tests.sweeps.small_log import write_small_log, write_sweep
 from tests.sweeps.toy import call
 from tracking.run_folders.search import SearchFolder
 from training.checkpoints import read_checkpoint, save_checkpoint
-from training.pretrained import Domain, domain_of, judge, read_generalist
+from training.pretrained import Domain, domain_of, evaluate_rig, read_generalist
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -76,7 +76,7 @@ def test_a_sweep_trains_nothing_and_python_finds_the_same(folder):
     results = pd.read_parquet(folder / "runs" / "grid" / "results.parquet")
     lidar = replace(Lidar.paper(), azimuth_steps=240)
     rig = PAPER_PLACEMENTS["line"].each_lidar(lambda _: lidar)
-    table = judge(rig, folder / "log", ROI, weights=folder / "base.pt")
+    table = evaluate_rig(rig, folder / "log", ROI, weights=folder / "base.pt")
     same = table.merge(results[results["placement"] == "line"], on=["class", "metric", "iou"])
     same = same[same["difficulty_x"] == same["difficulty_y"]].dropna(subset=["value_x"])
     assert len(same) > 10
