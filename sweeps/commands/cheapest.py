@@ -1,4 +1,4 @@
-"""Which rig is the cheapest that does? `lidarplace cheapest search.yaml`."""
+"""The cheapest rig that meets all requirements: `lidarplace cheapest search.yaml`."""
 
 from __future__ import annotations
 

@@ -58,13 +58,13 @@ def pretrain(
     if out.is_dir():  # before hours of training, not after
         wrong(f"--out {out}: is a folder; a file for the weights is expected")
     with checked_input():
-        found = [_training(config, set_ or [], out) for config in configs]
-        sweep = found[0][0]
+        trainings = [_training(config, set_ or [], out) for config in configs]
+        sweep = trainings[0][0]
         check_replaceable(out)
         out.parent.mkdir(parents=True, exist_ok=True)
         check_takes_files(out.parent)
         with at(", ".join(map(str, configs))):
-            task = pretrain_task([training for _, training in found])
+            task = pretrain_task([training for _, training in trainings])
             store = store_of(sweep)
         tasks = with_inputs([task])
         store.refer(reference(sweep, "pretrain"), [needed.key for needed in tasks])

@@ -1,4 +1,4 @@
-"""Does a rig see what its vehicle needs? `lidarplace requirements rigs.yaml`."""
+"""Check rigs against the requirements of their vehicle: `lidarplace requirements rigs.yaml`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tracking.pages.section import Section
 
 MOST_FIGURES = 120
-"""Of a page; those that fail come first."""
+"""Most figures of a page; those that fail come first."""
 
 app = new_app()
 
@@ -53,43 +53,41 @@ def requirements(
     from tracking.pages.requirements import verdict_table
 
     with checked_input():
-        requirements_check = read_requirements_check(config, set_ or [])
+        check = read_requirements_check(config, set_ or [])
         if dry_run:
-            _print_plan(requirements_check, as_json)
+            _print_plan(check, as_json)
             return
         console = Terminal(stderr=True)
-        rigs = track(
-            requirements_check.rigs, "rigs", console=console, disable=not console.is_terminal
-        )
+        rigs = track(check.rigs, "rigs", console=console, disable=not console.is_terminal)
         outcomes = [
-            check_requirements(requirements_check.laid, rig, requirements_check.vehicle, further)
-            for rig, further in zip(rigs, requirements_check.further, strict=True)
+            check_requirements(check.laid, rig, check.vehicle, further)
+            for rig, further in zip(rigs, check.further, strict=True)
         ]
-        names = (rig.name for rig in requirements_check.rigs)
+        names = (rig.name for rig in check.rigs)
         cases = by_rig(dict(zip(names, map(case_table, outcomes), strict=True)))
         worst = worst_cases(cases, ["rig"])
-        paths = _write(requirements_check, outcomes, cases, worst, out)
+        paths = _write(check, outcomes, cases, worst, out)
     if as_json:
-        told = [_as_json(outcome) for of_rig in outcomes for outcome in of_rig]
-        print_json({"files": paths, "outcomes": told})
+        rows = [_as_json(outcome) for of_rig in outcomes for outcome in of_rig]
+        print_json({"files": paths, "outcomes": rows})
     else:
-        shown = verdict_table(worst, ["rig"])
-        words = {shown.head[i] for i in shown.words}
-        output().print(table(None, shown.head, shown.rows, words=words))
+        printed = verdict_table(worst, ["rig"])
+        words = {printed.head[i] for i in printed.words}
+        output().print(table(None, printed.head, printed.rows, words=words))
         say(f"{(~worst['met']).sum()} of {len(worst)} fail; {', '.join(paths.values())}")
     if not worst["met"].all():
         raise typer.Exit(1)
 
 
-def _print_plan(requirements_check: RequirementsCheck, as_json: bool) -> None:
+def _print_plan(check: RequirementsCheck, as_json: bool) -> None:
     from lidarplace.requirements.tables import extents
     from sweeps.results.dry_run import extent_table
 
-    plan = extents(requirements_check.laid)
+    plan = extents(check.laid)
     if as_json:
-        print_json({"rigs": [rig.name for rig in requirements_check.rigs], "requirements": plan})
+        print_json({"rigs": [rig.name for rig in check.rigs], "requirements": plan})
         return
-    say(f"rigs: {', '.join(rig.name for rig in requirements_check.rigs)}")
+    say(f"rigs: {', '.join(rig.name for rig in check.rigs)}")
     output().print(extent_table(plan))
 
 
@@ -109,54 +107,54 @@ def _as_json(outcome: RequirementResult) -> dict[str, Any]:
 
 
 def _write(
-    requirements_check: RequirementsCheck,
+    check: RequirementsCheck,
     outcomes: Sequence[Sequence[RequirementResult]],
     cases: pd.DataFrame,
     worst: pd.DataFrame,
     out: Path,
 ) -> dict[str, str]:
-    """The table of all cases, and a page of pictures. Returns the paths by suffix."""
+    """Write the table of all cases, and a page of pictures. Returns the paths by suffix."""
     from lidarplace.files.tables import write_csv
     from tracking.pages.html_page import SECTIONS_ALONE, write_page
 
     paths = {suffix: out.with_name(f"{out.name}.{suffix}") for suffix in ("csv", "html")}
     out.parent.mkdir(parents=True, exist_ok=True)
     write_csv(cases, paths["csv"])
-    sections = list(_sections(requirements_check, outcomes, worst))
+    sections = list(_sections(check, outcomes, worst))
     write_page(paths["html"], SECTIONS_ALONE, sections, name=out.name)
     return {suffix: str(path) for suffix, path in paths.items()}
 
 
 def _sections(
-    requirements_check: RequirementsCheck,
-    outcomes: Sequence[Sequence[RequirementResult]],
-    worst: pd.DataFrame,
+    check: RequirementsCheck, outcomes: Sequence[Sequence[RequirementResult]], worst: pd.DataFrame
 ) -> Iterator[Section]:
     from lidarplace.mounting.outline import outline
     from lidarplace.requirements.tables import Ground
     from tracking.pages.requirements import ALONE, COLOURS, counted, requirement_map, verdict_table
     from tracking.pages.section import Section
 
-    rigs = {rig.name: rig for rig in requirements_check.rigs}
-    found = {(own.rig, own.requirement.name): own for of_rig in outcomes for own in of_rig}
-    shown = worst.sort_values("met", kind="stable").head(MOST_FIGURES)
+    rigs = {rig.name: rig for rig in check.rigs}
+    results = {
+        (result.rig, result.requirement.name): result for of_rig in outcomes for result in of_rig
+    }
+    pictured = worst.sort_values("met", kind="stable").head(MOST_FIGURES)
     first = Section("Requirements", [counted(worst), ALONE], tables=[verdict_table(worst, ["rig"])])
-    if len(shown) < len(worst):
-        first.notes.append(f"Pictures of {len(shown)} of them, those that fail first.")
+    if len(pictured) < len(worst):
+        first.notes.append(f"Pictures of {len(pictured)} of them, those that fail first.")
     yield first
-    for laid in requirements_check.laid:
-        name = laid.requirement.name
-        if laid.requirement.common_view is not None:
+    for layout in check.laid:
+        name = layout.requirement.name
+        if layout.requirement.common_view is not None:
             continue
         figures = [
             requirement_map(
                 row,
-                Ground.of(found[row["rig"], name]),
+                Ground.of(results[row["rig"], name]),
                 row["rig"],
                 rigs[row["rig"]].mounts,
-                outline(requirements_check.vehicle),
+                outline(check.vehicle),
             )
-            for row in shown[shown["requirement"] == name].to_dict("records")
+            for row in pictured[pictured["requirement"] == name].to_dict("records")
         ]
         if figures:
             yield Section(name, notes=[COLOURS], figures=figures)

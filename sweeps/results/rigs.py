@@ -15,7 +15,7 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.grid import Sweep
-from sweeps.configuration.sweep import Point
+from sweeps.configuration.point import Point
 from tracking.figures.kit.vehicle_lines import name_of
 from tracking.pages.html_page import SECTIONS_ALONE, write_page
 from tracking.pages.section import Section

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sweeps.configuration.search import GENERALIST
+from sweeps.configuration.objective import GENERALIST
 from sweeps.search.problem.problem import SearchProblem, read_problem
 from sweeps.search.verification.reevaluation import MOST_REEVALUATED
 from tracking.run_folders.search import SearchFolder

@@ -9,8 +9,6 @@ import pytest
 from tests.refused import refused
 
 pytest.importorskip("carla")
-from carla_world import MODELS, SLOPE_DEG, Server
-
 from lidarplace.clouds.clouds import PointClouds, read_clouds
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.plugins.carla.collect import collect, unhit
@@ -18,6 +16,7 @@ from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.plugins.carla.traffic import Traffic
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
+from tests.lidarplace.carla_world import MODELS, SLOPE_DEG, Server
 
 LIDAR = Lidar(tuple(np.radians(np.linspace(-25, 5, 8))), azimuth_steps=240, range=60.0)
 MOUNTS = [Mount(0.3, 0.7, 2.2, -0.28, 0.05, 0.4), Mount(-0.4, -0.6, 1.9, 0.2, -0.09, -2.0)]

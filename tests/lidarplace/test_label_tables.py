@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from company_table import Manner, mapping_of, traffic, write_in_manner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -19,6 +18,7 @@ from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
 from lidarplace.scenes.label_tables.propose import propose_mapping
 from lidarplace.scenes.label_tables.read import read_label_table
 from tests.docs_blocks import ROOT, blocks
+from tests.lidarplace.company_table import Manner, mapping_of, traffic, write_in_manner
 
 
 def write(folder, log, manner, change=None, **keys):

@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
-from sweeps.configuration.search import TOTALS
+from sweeps.configuration.objective import TOTALS
 from sweeps.search.cheapest.blocks import Block, blocks_of
 from sweeps.search.cheapest.programme import Position, Programme, Row
 from sweeps.search.cheapest.rig_check import RigCheck, check_rig, cost_of

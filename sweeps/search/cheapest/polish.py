@@ -100,8 +100,9 @@ def _value(problem: SearchProblem, placed: Sequence[Assignment]) -> tuple[float,
 
 
 def needed_for(problem: SearchProblem, rig: Rig, recall: Recall | None) -> list[str]:
-    """Name the first failure without each LiDAR, or without its mirrored pair: a requirement, a
-    constraint, the recall, or the setting that asks for it; "" for nothing."""
+    """Name the first failure without each LiDAR, or without its mirrored pair; "" for none.
+
+    It is a requirement, a constraint, the recall, or the setting that asks for the LiDAR."""
     placed = slots_of(rig, problem) or []
     return [_needed_for(problem, rig, lidar, placed, recall) for lidar in rig]
 

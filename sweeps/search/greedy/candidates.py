@@ -16,7 +16,8 @@ from lidarplace.mounting.zone import Zone, grid
 from lidarplace.pog.selection import Exposure, Limits, VoxelChoice
 from lidarplace.pog.selection.tracing import Objective
 from lidarplace.recall.choice import RecallChoice
-from sweeps.configuration.search import TOTALS, GreedySettings, SearchSettings
+from sweeps.configuration.objective import TOTALS
+from sweeps.configuration.search import GreedySettings, SearchSettings
 from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import SearchProblem

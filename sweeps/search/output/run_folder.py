@@ -22,8 +22,8 @@ from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
 from lidarplace.requirements.tables import Ground, by_rig, case_table
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import public_yaml
+from sweeps.configuration.objective import ObjectiveSettings
 from sweeps.configuration.requirements_file import check_rig_fits
-from sweeps.configuration.search import ObjectiveSettings
 from sweeps.results.pictures import uncovered
 from sweeps.search.output.tables import greedy_table, importances, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings

@@ -10,8 +10,8 @@ import pandas as pd
 from lidarplace import ExpectedRecall, OccupancyGrid, evaluate_classes, expected_ig_of_rays
 from lidarplace.mounting.errors import MountingErrors, fleet
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, to_ask_for
-from sweeps.configuration.search import TOTALS, ObjectiveSettings
-from sweeps.configuration.sweep import SurrogateSettings
+from sweeps.configuration.objective import TOTALS, ObjectiveSettings
+from sweeps.configuration.point import SurrogateSettings
 from sweeps.search.problem.constraints import Carrier, Constraint, measures_of, requirement_name
 from sweeps.search.problem.rig import Rig, is_possible, placement_of
 

@@ -16,7 +16,8 @@ from lidarplace.mounting.vehicle import Vehicle, zone_in_body
 from lidarplace.requirements.check_requirements import RequirementResult, check_requirements
 from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.rigs.further_sensors import MountedSensor
-from sweeps.configuration.search import TOTALS, SearchFile, SearchSettings
+from sweeps.configuration.objective import TOTALS
+from sweeps.configuration.search import SearchFile, SearchSettings
 from sweeps.search.problem.rig import Rig, is_possible, placement_of
 
 TIE = 1e-3

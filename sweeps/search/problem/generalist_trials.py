@@ -7,7 +7,7 @@ from typing import Any
 from lidarplace import PAPER_PLACEMENTS
 from lidarplace.base.errors import at
 from sweeps.configuration.file import ConfigError
-from sweeps.configuration.search import PRETRAINED
+from sweeps.configuration.objective import PRETRAINED
 from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import DetectorTrial, with_detector
 from sweeps.search.problem.problem import SearchProblem

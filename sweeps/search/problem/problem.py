@@ -24,19 +24,14 @@ from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.file import ConfigError, check, read_named, reading
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_overlaps
+from sweeps.configuration.objective import PRETRAINED, ObjectiveSettings
 from sweeps.configuration.requirements_file import (
     check_dead_sensors,
     check_lidars,
     lay_out_requirements,
 )
 from sweeps.configuration.rigs import Rigs
-from sweeps.configuration.search import (
-    PRETRAINED,
-    ObjectiveSettings,
-    SearchFile,
-    Tests,
-    TrafficSettings,
-)
+from sweeps.configuration.search import SearchFile, Tests, TrafficSettings
 from sweeps.configuration.whole_paths import portable
 from sweeps.execution.memory import check_memory
 from sweeps.plan.named_files import outside_of

@@ -19,9 +19,9 @@ from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.vehicle import VehicleSettings
 from sweeps.configuration.file import ConfigError, check, put
 from sweeps.configuration.grid import GridPoint, Sweep
+from sweeps.configuration.point import Point
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.search import SearchFile
-from sweeps.configuration.sweep import Point
 from sweeps.search.problem.rig import MountedLidar, Rig, placement_of
 
 _OWN = ("search", "robustness", "verify", "placement")

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.metrics import METRICS, RANKING
-from sweeps.configuration.search import ObjectiveSettings
+from sweeps.configuration.objective import ObjectiveSettings
 from sweeps.results.trial_results import headline_value
 from tracking.statistics.jackknife import NOTHING
 

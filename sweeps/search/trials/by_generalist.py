@@ -15,7 +15,7 @@ import optuna
 import pandas as pd
 
 from lidarplace.base.metrics import Overlaps
-from sweeps.configuration.search import ObjectiveSettings
+from sweeps.configuration.objective import ObjectiveSettings
 from sweeps.execution.backends import Backend, Job
 from sweeps.execution.execute import Listener, execute
 from sweeps.plan.trial import DetectorTrial

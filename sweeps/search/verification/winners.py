@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optuna.trial import FrozenTrial
 
 from lidarplace import OccupancyGrid
-from sweeps.configuration.search import ObjectiveSettings
+from sweeps.configuration.objective import ObjectiveSettings
 from sweeps.search.greedy.certificate import Certificate
 from sweeps.search.problem.assess import Assessment, Criteria
 from sweeps.search.problem.problem import SearchProblem

@@ -21,7 +21,7 @@ from tests.refused import refused
 
 pytest.importorskip("viser")
 
-from lidarplace.studio.page.beside import VIOLET
+from lidarplace.studio.page.other_rig import VIOLET
 from lidarplace.studio.page.panel import NO_RIG, assign
 from lidarplace.studio.page.rig_nodes import quaternion, rgb
 from lidarplace.studio.page.scene import EYE
@@ -217,7 +217,7 @@ def test_what_is_typed_while_the_fields_are_drawn_is_not_lost(page, browser, mon
 
 
 def test_another_rig_stands_beside_in_one_colour_over_it_or_apart(page, browser, monkeypatch):
-    studio, beside = page.studio, page._drawing.beside
+    studio, beside = page.studio, page._drawing.other_rig
     asked, cloud = [], FrameView.cloud
 
     def counted(view, placement, most):
@@ -234,7 +234,7 @@ def test_another_rig_stands_beside_in_one_colour_over_it_or_apart(page, browser,
     assert beside._nodes._cloud.points == pytest.approx(shown, abs=0.02)
     assert {tuple(colour) for colour in beside._nodes._cloud.colors} == {rgb(VIOLET)}
     assert (len(beside._nodes._lidars), beside._node.position.tolist()) == (1, [0, 0, 0])
-    assert "/beside/lidars/0/name" not in browser.texts
+    assert "/other_rig/lidars/0/name" not in browser.texts
     number = asked.count(other)
     drag(page, "update", (0.3, 0.6, 1.8))
     drag(page, "end")
@@ -252,8 +252,8 @@ def test_another_rig_stands_beside_in_one_colour_over_it_or_apart(page, browser,
     until(lambda: not beside._apart.visible and browser.cameras[-1] == EYE)
     page.editing.choose_rig("left handed")
     page.refresh()
-    until(lambda: not beside._node.visible and page.panel.beside.value == NO_RIG)
-    assert set(page.panel.beside.options) == {NO_RIG, "roof"}
+    until(lambda: not beside._node.visible and page.panel.other_rig.value == NO_RIG)
+    assert set(page.panel.other_rig.options) == {NO_RIG, "roof"}
 
 
 def test_what_a_requirement_lacks_is_told_and_painted_at_rest(tmp_path):
@@ -274,8 +274,8 @@ def test_a_page_writes_beside_its_file_alone(page):
     elsewhere = ("../other.yaml", "/srv/other.yaml", "", "rigs.txt")
     for name in (*hidden, *elsewhere, "a\0.yaml", "a\nb.yaml", "a.yaml\n"):
         with refused(("", "file name", repr(name))):
-            page.files.beside(name)
-    assert page.files.beside("a.yml").name == "a.yml"
+            page.files.path_of(name)
+    assert page.files.path_of("a.yml").name == "a.yml"
     assert page.files.sweep().startswith("lidarplace run ")
     with pytest.raises(FileExistsError):
         page.files.sweep()

@@ -20,7 +20,7 @@ from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.studio.blind_ground import EDGE_M, LOWEST_M, blind_ground
 from lidarplace.studio.log_frames import scene_of, simulated_scene
 from lidarplace.studio.numbers import RECALL_FRAMES, thinned
-from lidarplace.studio.page.tables import left_out
+from lidarplace.studio.page.tables import left_out_message
 from lidarplace.studio.rigs_file import RigsSettings, read_rigs
 from lidarplace.studio.studio import Studio
 from lidarplace.studio.sweep_files import MOST_RAYS, found_by_sweep
@@ -160,7 +160,7 @@ def test_several_rigs_stand_side_by_side(studio):
     assert studio.rig.written["mounts"][0]["y"] == -0.25
     studio.copy_rig("other")
     assert [rig.name for rig in studio.rigs] == ["roof", "left handed", "other"]
-    assert studio.numbers(rig=studio.begun) != studio.numbers()
+    assert studio.numbers(rig=studio.initial) != studio.numbers()
 
 
 @settings(max_examples=25, derandomize=True)
@@ -252,7 +252,7 @@ def test_classes_that_have_no_numbers_are_named(tmp_path):
     log.boxes.loc[log.boxes["object_id"] == "car 1", "class"] = "Excavator"
     studio = Studio(read_rigs(written(tmp_path)), log, ROI)
     assert studio.left_out == ("Excavator",)
-    assert left_out(studio).endswith(": Excavator; expected Car")
+    assert left_out_message(studio).endswith(": Excavator; expected Car")
 
 
 def test_a_sweep_has_the_vehicle_and_the_requirements_of_the_file(tmp_path, scene):

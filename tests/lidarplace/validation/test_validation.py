@@ -16,7 +16,7 @@ from lidarplace.configuration.vehicle import read_vehicle
 from lidarplace.logs.box_log import read_box_log, write_box_log
 from lidarplace.validation.decision import decide
 from lidarplace.validation.page import with_world
-from lidarplace.validation.simulation import Recording, simulate
+from lidarplace.validation.simulation import SimulatedRig, simulate
 from lidarplace.validation.validation import validate
 from tests.lidarplace.validation.vehicle import NAMES, NOTHING, REAL, RIG, recorded
 from tests.other_simulator import write_log
@@ -154,8 +154,8 @@ def test_ground_hides_nothing(real):
     frames = log.frames["frame"].tolist()[:2]
     sunk = replace(log, boxes=log.boxes.assign(z=log.boxes["z"] - 3.0))
     lower = [replace(mount, z=mount.z - 3.0) for mount in RIG.placement.mounts]
-    high = simulate(Recording(log, RIG.placement), frames)
-    low = simulate(Recording(sunk, replace(RIG.placement, mounts=lower)), frames)
+    high = simulate(SimulatedRig(log, RIG.placement), frames)
+    low = simulate(SimulatedRig(sunk, replace(RIG.placement, mounts=lower)), frames)
     # The own body stays where it is, and hides other rays.
     assert low.points.sum() == pytest.approx(high.points.sum(), rel=0.1)
 
@@ -244,7 +244,7 @@ def test_the_body_of_the_vehicle_is_the_users(real, tmp_path):
     body.write_text("[[[-2, -3, 0.2], [2, 3, 1.6]]]")
     wide = read_vehicle(body)
     frames = log.frames["frame"].tolist()[:2]
-    sedan, own = (simulate(Recording(log, RIG.placement, 0, v), frames) for v in (None, wide))
+    sedan, own = (simulate(SimulatedRig(log, RIG.placement, 0, v), frames) for v in (None, wide))
     assert own.points.sum() < 0.9 * sedan.points.sum()
     body.write_text("{boxes: [[[0, 0, 0], [1, 1]]]}")
     wrong = CliRunner().invoke(app, [str(folder), "--vehicle", str(body)])
