@@ -40,9 +40,9 @@ def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
     body = sedan() if vehicle is None else vehicle
     for inside in check(MountedSensors(rig.mounts, rig.lidars), Limits(body=body), body):
         (number,) = inside.lidars
-        body = "body, which the key vehicle describes"
+        region = "body, which the key vehicle describes"
         if isinstance(body.body, BendingVehicle):
-            body = "body, or on or in the way of its trailer; expected a place on the tractor"
+            region = "body, or on or in the way of its trailer; expected a place on the tractor"
         place = point(*rig.mounts[number].position)
-        wrong = f"LiDAR {number + 1} at {place} is inside the vehicle's {body}"
+        wrong = f"LiDAR {number + 1} at {place} is inside the vehicle's {region}"
         raise InputError(wrong, place=repr(rig.name))

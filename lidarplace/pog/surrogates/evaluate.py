@@ -125,7 +125,9 @@ def evaluate_classes(
     roi = common_roi(grids)
     if azimuth_steps is not None:
         placement = placement.each_lidar(
-            lambda lidar: lidar if lidar.pattern else replace(lidar, azimuth_steps=azimuth_steps)
+            lambda lidar: (
+                replace(lidar, azimuth_steps=azimuth_steps) if lidar.pattern is None else lidar
+            )
         )
     tiles = occupied_tiles(grids)
     for grid in grids.values():
