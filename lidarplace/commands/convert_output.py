@@ -41,16 +41,10 @@ def convert_log(
 ) -> None:
     """Read a log, write it to `out` if given, and print what is in it.
 
-    Args:
-        read: reads the log, and counts the boxes left out by category.
-        source: names the source in messages.
-        out: folder to write.
-        options: of the command.
-        origin: of the clouds, see `count_real_points`.
-        check: returns warnings of implausible values, or raises InputError; None: `check_log`.
-        store_clouds: whether clouds are stored; if not, invalid ones are a warning.
-
-    An error of the input ends the program with exit code 2.
+    `read` counts the boxes left out by category. `origin` is that of the clouds, see
+    `count_real_points`; if they are not stored, invalid ones are a warning. `check` returns
+    warnings of implausible values, or raises InputError; None: `check_log`. An error of the input
+    ends the program with exit code 2.
     """
     ignored: Counter[str] = Counter()
     notes: list[str] = []
@@ -177,5 +171,4 @@ def _tables(log: BoxLog, ignored: Counter[str]) -> Iterator[Table]:
 
 
 def _counts(title: str, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
-    """Make a table of whole numbers but for the first column."""
     return table(title, head, ((row[0], *map("{:,}".format, row[1:])) for row in rows))

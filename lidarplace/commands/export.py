@@ -137,7 +137,6 @@ def _frames_of(log: BoxLog, split: str | None, folder: Path) -> BoxLog:
 
 
 def _some_at_a_time(log: BoxLog) -> Iterator[BoxLog]:
-    """Yield parts of a log, `PORTION` frames each."""
     from rich.progress import track
 
     starts, console = range(0, len(log.frames), PORTION), Terminal(stderr=True)

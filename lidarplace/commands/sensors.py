@@ -70,7 +70,6 @@ def row(sheet: Datasheet) -> tuple[str, ...]:
 
 
 def _view(sheet: Datasheet) -> tuple[str, str, str]:
-    """Return beams, elevations and width in azimuth."""
     if sheet.rosette is not None:
         half = sheet.rosette.field_of_view_deg / 2
         return "rosette", f"{-half:.1f} to {half:.1f}", f"{2 * half:g}"

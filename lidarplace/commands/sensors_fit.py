@@ -169,7 +169,6 @@ def _check_rings(scan: ScanFit, sheet: Datasheet, place: str) -> None:
 
 
 def _nearest(scan: ScanFit) -> Datasheet | None:
-    """Find the LiDAR of the catalogue with as many beams whose elevations are nearest."""
     same = [s for s in catalogue().values() if len(s.elevations_deg) == len(scan.elevations)]
     return min(same, key=lambda sheet: float(np.median(_apart(scan, sheet))), default=None)
 

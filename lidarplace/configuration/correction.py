@@ -36,7 +36,6 @@ MOST_SHARES = 100_000  # of a mask: half a degree in both directions is less
 
 
 def _one_row(shares: Any) -> Any:
-    """Turn a list of numbers into a list of one row."""
     flat = isinstance(shares, (list, tuple)) and not any(
         isinstance(s, (list, tuple)) for s in shares
     )

@@ -121,7 +121,6 @@ class VehicleSettings(Settings):
 
 @lru_cache(maxsize=8)
 def _vehicle(settings: VehicleSettings, changed: int, size: int) -> Vehicle:
-    """Build the vehicle, again when the file of its mesh was changed."""
     mesh, trailer = None, settings.trailer
     if settings.mesh is not None:
         angles = map(math.radians, (settings.roll_deg, settings.pitch_deg, settings.yaw_deg))

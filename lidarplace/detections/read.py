@@ -103,7 +103,6 @@ def _with(classes: Sequence[str], usual: ClassMap, class_map: ClassMap | None) -
 
 
 def _files(path: Path) -> list[Path]:
-    """Return the file, or those of a folder that can be detections."""
     if not path.exists():
         raise InputError("no such file or folder", place=path)
     files = [path]
@@ -140,9 +139,7 @@ def _checked(
     class_map: ClassMap | None,
     ignored: Counter[str],
 ) -> pd.DataFrame:
-    """Validate detections, and select `COLUMNS` of those of `classes`.
-
-    Raises InputError for what no box can be."""
+    """Validate detections, and select `COLUMNS` of those of `classes`; raise InputError."""
     table = detections.table
     if not len(table):
         return pd.DataFrame(columns=list(COLUMNS)).astype(_TYPES)

@@ -213,7 +213,6 @@ def read_rigs(folder: Path) -> dict[str, RecordedRig]:
 
 
 def _check_counted(rigs: Mapping[str, RecordedRig], boxes: pd.DataFrame, path: Path) -> None:
-    """Raise InputError if a LiDAR has counts but is none of its scene's rig."""
     for name, column in points_of(boxes).items():
         for scene in boxes.loc[boxes[column].notna(), "scene"].unique():
             if scene in rigs and name not in rigs[scene].names:

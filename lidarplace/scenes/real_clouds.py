@@ -136,7 +136,6 @@ def _new_folder(folder: Path) -> Iterator[Path]:
 
 
 def _paths(frames: pd.DataFrame, folder: Path) -> dict[int, Path]:
-    """Find the file of each frame that has one, by the frame's number."""
     numbers, paths = frames["frame"].tolist(), []
     if CLOUD in frames:
         for name in frames[CLOUD]:
@@ -181,7 +180,6 @@ def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | No
 
 
 def _lidars(cloud: pd.DataFrame, rig: RecordedRig, path: Path) -> NDArray[np.int64]:
-    """Return the number in the rig of each point's LiDAR."""
     if len(rig.names) == 1:
         return np.zeros(len(cloud), np.int64)
     values = cloud["lidar"]

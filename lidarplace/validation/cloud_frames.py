@@ -105,7 +105,6 @@ def _local(points: NDArray[np.float64], box: NDArray[np.float64]) -> NDArray[np.
 def _cells(
     points: NDArray[np.float64], owner: NDArray[np.integer], boxes: NDArray[np.float64], cell: float
 ) -> NDArray[np.int64]:
-    """Return distinct (object, cell), shape (n, 2)."""
     if not len(points):
         return np.empty((0, 2), np.int64)
     box = boxes[owner]

@@ -52,7 +52,6 @@ def decide(validation: Validation) -> Decision:
 
 
 def _failed(validation: Validation, model: str) -> list[str]:
-    """List the checks that are not met, in words."""
     row = validation.scores.query("model == @model and by == 'all'").iloc[0]
     bias, spread, within, rho = row[["bias", "spread", "within_2", "rho"]]
     share = row["simulated_5"] - row["real_5"]

@@ -260,7 +260,6 @@ def _add_model(
     points: NDArray[np.float64],
     names: Sequence[str],
 ) -> None:
-    """Add the columns of a model to `objects`."""
     size = len(objects)
     objects[f"rays/{model}"] = np.bincount(returns.box, returns.points, size)
     objects[f"points/{model}"] = np.bincount(returns.box, points, size)
@@ -272,10 +271,10 @@ def _add_model(
 
 
 def _worst(objects: pd.DataFrame, hits: Sequence[CellHits]) -> pd.DataFrame:
-    """List objects whose points differ most after the correction, each in its worst frame.
+    """List objects whose points differ most after the correction, with what became of their rays.
 
-    With what became of their rays; where there are clouds those of their frames, whose reason is
-    known."""
+    Each is in its worst frame; where there are clouds those of their frames, whose reason is known.
+    """
     table = objects[["scene", "frame", "object_id", "class", "distance", "real"]].copy()
     table["shipped"], table["corrected"] = objects["points/shipped"], objects["points/corrected"]
     for number, fate in enumerate(FATES):

@@ -47,7 +47,6 @@ def _grid(grid: OccupancyGrid) -> go.Figure:
 
 @figure.register
 def _surrogates(result: Surrogates) -> go.Figure:
-    """Draw the covered and the residual entropy of the POG."""
     plot = _new("Entropy of the POG")
     y = [result.placement.name]
     for name, value, shade in (

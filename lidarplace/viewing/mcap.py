@@ -108,7 +108,6 @@ def _transforms(placement: Placement, row: Any, stamp: Any) -> list[FrameTransfo
 
 
 def _cloud(points: NDArray[np.float32], stamp: Any) -> PointCloud:
-    """Write points x, y, z, intensity, (n, 4)."""
     kind = messages.PackedElementFieldNumericType.Float32
     return PointCloud(
         timestamp=stamp,
@@ -124,7 +123,6 @@ def _cloud(points: NDArray[np.float32], stamp: Any) -> PointCloud:
 
 
 def _entity(box: Mapping[Hashable, Any], stamp: Any) -> SceneEntity:
-    """Write a box in the colour of its class."""
     red, green, blue = (int(CLASSES[box["class"]][i : i + 2], 16) / 255 for i in (1, 3, 5))
     at = [box[name] for name in "xyz"]
     cube = messages.CubePrimitive(

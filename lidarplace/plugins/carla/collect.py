@@ -104,7 +104,6 @@ def collect(
 
 
 def _check_same(path: Path, content: Mapping[str, object]) -> None:
-    """Raise ValueError if `path` is there and holds something else."""
     if not path.exists():
         return
     before = read_json(path)

@@ -57,13 +57,9 @@ def read_argoverse(
     of interior points as `POINTS`, and a log with `calibration/egovehicle_SE3_sensor.feather` has
     its rig.
 
-    Args:
-        folder: the data set.
-        splits: of `SPLITS`; empty: `train` and `val`, or the one that is there.
-        class_map: entries that differ from `class_maps.ARGOVERSE`.
-        ignored: gets the number of boxes left out by category.
-        lidar: model of both LiDARs; None: VLP-32C.
-        keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
+    `splits` are of `SPLITS`; without any `train` and `val` are meant, or the one that is there.
+    `lidar` is the model of both LiDARs; None: VLP-32C. `class_map`, `ignored` and `keep_ignored`
+    are those of `read_nuscenes`, of `class_maps.ARGOVERSE`.
 
     Raises ValueError if a file is missing or wrong, a time has no pose, or a category is unknown.
     """
@@ -135,7 +131,6 @@ def in_ego(table: pd.DataFrame, source: str) -> dict[str, NDArray[np.float64]]:
 
 
 def _sweeps(folder: Path) -> NDArray[np.int64]:
-    """Return the times of the sweeps that have a file, in nanoseconds."""
     for path in (paths := sorted(folder.glob("[!.]*.feather"))):
         if not path.stem.isdecimal() or int(path.stem) >= 2**63:
             raise InputError(place=path, expected="a name that is the time in nanoseconds")

@@ -75,7 +75,6 @@ class TokenTable:
 
 
 def _floats(value: Any, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
-    """Return finite numbers of a shape; None for something else."""
     array = np.array(value, object)
     if bool in set(map(type, array.ravel().tolist())):
         return None

@@ -101,7 +101,6 @@ def _frames(
 
 
 def _vehicle(content: Content, name: str | None) -> str:
-    """Return the name of the vehicle's coordinate system."""
     systems = content.coordinate_systems
     vehicles = [each for each, system in systems.items() if system.type == VEHICLE]
     if name is None and len(vehicles) == 1:

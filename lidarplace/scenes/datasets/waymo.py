@@ -75,13 +75,9 @@ def read_waymo(
     segments, split by split, in the order of their names; `route` numbers the segments. Boxes have
     their numbers of points; a segment with a file in `lidar_calibration` has its rig.
 
-    Args:
-        folder: the data set.
-        splits: of `SPLITS`; empty: `training` and `validation`, or the one that is there.
-        class_map: entries that differ from `class_maps.WAYMO`.
-        ignored: gets the number of boxes left out by type.
-        lidar: model of all LiDARs; None: by the inclinations of the calibration.
-        keep_ignored: keep boxes of ignored types as `class_maps.OTHER`, which hide.
+    `splits` are of `SPLITS`; without any `training` and `validation` are meant, or the one that is
+    there. `lidar` is the model of all LiDARs; None: by the inclinations of the calibration.
+    `class_map`, `ignored` and `keep_ignored` are those of `read_nuscenes`, of `class_maps.WAYMO`.
 
     Raises ValueError if a file is missing or wrong, a box is in no frame, or a type is unknown."""
     pattern, each = "lidar_box/[!.]*.parquet", "a file for each segment"
@@ -113,9 +109,7 @@ def _rig(path: Path, lidar: Lidar | None) -> RecordedRig:
 
 
 def _lidar(name: str, inclinations: Sequence[Any], source: str) -> Lidar:
-    """Return the model that wrote the range image of a LiDAR.
-
-    `inclinations` are least, greatest, and each."""
+    """Return the model that wrote a range image; `inclinations` are least, greatest, and each."""
     low, high, each = inclinations
     beams, steps, reach = IMAGE.get(name, SHORT_RANGE_IMAGE)
     try:

@@ -72,16 +72,10 @@ def read_kitti(
     own, and a split one route. The centre of the vehicle is taken to be under the LiDAR, which is
     the log's rig.
 
-    Args:
-        folder: the data set.
-        class_map: entries that differ from `class_maps.KITTI`.
-        standard_calibration: do not read `calib`: the camera looks straight ahead from 0.27 m
-            before and 0.08 m below the LiDAR.
-        lidar_height: of the LiDAR above the ground, metres.
-        ignored: gets the number of boxes left out by type.
-        skipped: gets what is wrong with lines and frames, which are then left out.
-        lidar: model of the LiDAR; None: HDL-64E as KITTI's turns.
-        keep_ignored: keep boxes of ignored types as `class_maps.OTHER`, which hide.
+    With `standard_calibration` `calib` is not read: the camera looks straight ahead from 0.27 m
+    before and 0.08 m below the LiDAR, which is at `lidar_height`, metres. `skipped` gets what is
+    wrong with lines and frames, which are then left out. `lidar` is the model; None: HDL-64E as
+    KITTI's turns. `class_map`, `ignored`, `keep_ignored`: as for `read_nuscenes`, of KITTI's map.
 
     Raises OSError without labels, ValueError that names file and line if one is broken or of an
     unknown type, a calibration or a label file is missing, or no frame is left."""

@@ -72,7 +72,6 @@ def _write_frames(
     images: bool,
     secret: Collection[int],
 ) -> list[int]:
-    """Write the files of all frames and return their numbers."""
     calibration, image = calibration_text(), black_png(*IMAGE_SIZE)
     training, testing = folder / "training", folder / "testing"
     for name in ("velodyne", "label_2", "calib", *(["image_2"] if images else [])):

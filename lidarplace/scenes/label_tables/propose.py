@@ -83,7 +83,6 @@ class _Proposal:
         yield from self._drives()
 
     def _numbers(self, key: str) -> NDArray[np.float64]:
-        """Return a column as numbers, NaN where it has none."""
         if key not in self.columns:
             return np.full(len(self.table), np.nan)
         numbers = pd.to_numeric(self.table[self.columns[key]], errors="coerce")
@@ -112,7 +111,6 @@ class _Proposal:
                 yield f"  {key}:   # nothing tells it; other columns: {others}"
 
     def _place(self) -> Iterator[str]:
-        """Yield the meaning of z, the origin and the poses."""
         height = self._numbers("height") * units.METRES[self.size.unit]
         z = self.z * units.METRES[self.position.unit]
         centre, bottom = (_median(low) for low in (z - height / 2, z))

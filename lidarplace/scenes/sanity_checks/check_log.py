@@ -39,13 +39,8 @@ def check_log(
 ) -> list[str]:
     """Return cautions of implausible values, a line for each check.
 
-    Args:
-        log: the log that is checked.
-        place: names the log in messages.
-        values: what some checks returned; None: `implausible_values`.
-        fix: advice, in which `{remedy}` is what to change.
-
-    Raises InputError for the first value that is certain.
+    `values` are those that some checks returned; None: `implausible_values`. In `fix`, `{remedy}`
+    is what to change. Raises InputError, which names `place`, for the first value that is certain.
     """
     values = implausible_values(log) if values is None else values
     return cautions_of((value, error_of(value, log, place, value.column, fix)) for value in values)

@@ -51,9 +51,7 @@ def copied_test_frames(train: BoxLog, test: BoxLog) -> Iterator[ImplausibleValue
 
 
 def _frames(log: BoxLog) -> pd.DataFrame:
-    """List the frames that have boxes, with a `hash` of these boxes whatever their order.
-
-    `place` numbers the scenes and routes."""
+    """List frames that have boxes, with a `hash` of these; `place` numbers scenes and routes."""
     hashes = pd.Series(_hashes(log.boxes)).groupby(log.boxes["frame"].to_numpy()).sum()
     place = log.frames.groupby(["scene", "route"], sort=False).ngroup()
     frames = log.frames[["frame", "split"]].assign(place=place)

@@ -115,13 +115,9 @@ class WorldBuilder:
     ) -> None:
         """Add a frame; raise ValueError if it is farther from the first than a world reaches.
 
-        Args:
-            points: with intensity, ego frame, (n, 4).
-            lidar: number of the LiDAR of each point, (n,).
-            eyes: where the rays of each LiDAR start, ego frame, (LiDARs, 3).
-            turn: rotation from the ego frame to the world of the scene, (3, 3).
-            position: of the vehicle in the world of the scene, (3,).
-            boxes: labelled boxes, rows of `GEOMETRY`, ego frame, (m, 7)."""
+        Points with intensity, (n, 4), are of the LiDAR of a number, (n,), whose rays start at
+        `eyes`, (LiDARs, 3); labelled boxes are rows of `GEOMETRY`, (m, 7); all in the ego frame.
+        `turn`, (3, 3), and `position`, (3,), lead from there to the world of the scene."""
         shift = self._place_frame(position)
         in_box = box_of_points(points, np.vstack([boxes, OWN_BODY]), MARGIN_M) >= 0
         view = turn / CELL_M, shift / CELL_M

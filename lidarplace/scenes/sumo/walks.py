@@ -102,7 +102,6 @@ def foot_graph(network: Net, speed: float) -> WalkGraph:
 
 
 def _edges(network: Net) -> list[Edge]:
-    """Return edges that are no part of a junction, sorted by id."""
     return sorted(network.getEdges(withInternal=False), key=lambda edge: edge.getID())
 
 
