@@ -81,6 +81,16 @@ def test_table(tmp_path):
     assert convert("table", path, tmp_path / "log", "--frames", 9).stderr == ""
 
 
+def test_readers_have_the_options_that_apply_to_them(tmp_path):
+    for reader, option in (
+        ("waymo", "--clouds"),
+        ("nuscenes", "--rig"),
+        ("table", "--keep-ignored"),
+    ):
+        result = convert(reader, tmp_path, tmp_path / "log", option, tmp_path)
+        assert (result.exit_code, option in result.stderr) == (2, True)
+
+
 LABEL = "Car 0.00 0 0.00 600.00 170.00 640.00 200.00 1.50 1.80 4.20 0.00 1.65 {z} -1.57"
 
 

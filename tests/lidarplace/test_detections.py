@@ -239,6 +239,5 @@ def test_annotations_of_nuscenes_are_its_detections(tmp_path):
     row |= {"detection_name": "car", "detection_score": 0.5}
     (tmp_path / "found.json").write_text(json.dumps({"results": {row["sample_token"]: [row]}}))
     detections = read_detections([tmp_path / "found.json"], log, CLASSES)
-    assert detections[list(GEOMETRY)].to_numpy() == pytest.approx(
-        log.boxes[list(GEOMETRY)].to_numpy()
-    )
+    geometry, expected = (table[list(GEOMETRY)].to_numpy() for table in (detections, log.boxes))
+    assert geometry == pytest.approx(expected)

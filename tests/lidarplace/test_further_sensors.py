@@ -49,9 +49,7 @@ def radar(**changes):
 def sensors_of(*settings):
     mounts = [Mount(*sensor.pose) for sensor in settings]
     cameras = [sensor for sensor in settings if isinstance(sensor, CameraSettings)]
-    return further_sensors(
-        cameras, [sensor for sensor in settings if sensor not in cameras], mounts
-    )
+    return further_sensors(cameras, [s for s in settings if s not in cameras], mounts)
 
 
 def on(settings, *boxes, vehicle=NOTHING, object_class=None):
@@ -161,9 +159,7 @@ def test_cameras_and_radars_come_back(name, tmp_path):
     write = write_own if ours else FORMATS[name].write
     write(path, FURTHER)
     back = read_own(path) if ours else FORMATS[name].read(path, [])
-    assert [(sensor.name, sensor.kind) for sensor in back] == [
-        (sensor.name, sensor.kind) for sensor in FURTHER
-    ]
+    assert [(s.name, s.kind) for s in back] == [(s.name, s.kind) for s in FURTHER]
     for sensor, before in zip(back, FURTHER, strict=True):
         np.testing.assert_allclose(sensor.mount.position, before.mount.position, atol=1e-9)
         np.testing.assert_allclose(sensor.mount.rotation, before.mount.rotation, atol=1e-9)
@@ -259,9 +255,7 @@ def test_a_rig_of_nuscenes_changed_in_the_studio_and_written_back(tmp_path, monk
         if channel == "LIDAR_0":
             old["translation"] = [*old["translation"][:2], old["translation"][2] + 0.1]
         np.testing.assert_allclose(row["translation"], old["translation"], atol=2e-9)
-        turned = [
-            Rotation.from_quat(np.roll(calibration["rotation"], -1)) for calibration in (row, old)
-        ]
+        turned = [Rotation.from_quat(np.roll(r["rotation"], -1)) for r in (row, old)]
         assert (turned[0] * turned[1].inv()).magnitude() < 1e-7
         assert row["camera_intrinsic"] == old["camera_intrinsic"]
 

@@ -104,9 +104,8 @@ def test_a_correction_that_was_fitted_to_the_log_that_judges_it_says_so(results)
     assert "fitted to this very log" in why[2]
     facts = results.correction.fitted | {"tracks": results.tracks + 1}
     other = results.correction.model_copy(update={"fitted": facts})
-    assert (
-        len(decide(replace(results, correction_given=True, correction=other)).why) == len(why) - 1
-    )
+    decision = decide(replace(results, correction_given=True, correction=other))
+    assert len(decision.why) == len(why) - 1
 
 
 def test_a_wrong_label_is_left_out(real, results):
@@ -246,9 +245,8 @@ def test_the_body_of_the_vehicle_is_the_users(real, tmp_path):
     body.write_text("[[[-2, -3, 0.2], [2, 3, 1.6]]]")
     wide = read_vehicle(body)
     frames = log.frames["frame"].tolist()[:2]
-    sedan, wide_body = (
-        simulate(SimulatedRig(log, RIG.placement, 0, v), frames) for v in (None, wide)
-    )
+    rigs = (SimulatedRig(log, RIG.placement, 0, vehicle) for vehicle in (None, wide))
+    sedan, wide_body = (simulate(rig, frames) for rig in rigs)
     assert wide_body.points.sum() < 0.9 * sedan.points.sum()
     body.write_text("{boxes: [[[0, 0, 0], [1, 1]]]}")
     wrong = CliRunner().invoke(app, [str(folder), "--vehicle", str(body)])
@@ -295,6 +293,5 @@ def test_too_little_data_is_no(results):
     one = judged(results, {"rho": 0.5}, routes=1)
     assert one.answer == "no"
     assert "one route" in one.why[1]
-    assert (
-        judged(results, {"rho": 0.5}, routes=1, correction_given=True).answer == "with a correction"
-    )
+    as_given = judged(results, {"rho": 0.5}, routes=1, correction_given=True)
+    assert as_given.answer == "with a correction"
