@@ -30,9 +30,10 @@ COLUMNS = (
 
 
 class _Variant(NamedTuple):
-    """One way to compute surrogates on a given POG: method of coverage or of the rays, azimuth
-    steps (0 for cones), whether the RAY_SURROGATES are computed or the others, and whether no other
-    variant is more accurate."""
+    """One way to compute surrogates on a given POG.
+
+    Method of coverage or of the rays, azimuth steps (0 for cones), whether the RAY_SURROGATES are
+    computed or the others, and whether no other variant is more accurate."""
 
     method: Method
     azimuth_steps: int
@@ -53,7 +54,7 @@ def accuracy(
     occlusion: bool = False,
     surrogates: Sequence[str] = ASKED_OF_POG.own,
 ) -> pd.DataFrame:
-    """Every surrogate of every placement, computed in several ways.
+    """Compute every surrogate of every placement in several ways.
 
     One thing is varied at a time. At the resolution of `roi` and with all frames: each method of
     rays with each number of `azimuth_steps`, next to the cones, which know no azimuth steps (0).
@@ -101,18 +102,18 @@ def accuracy(
 
 
 def scale(surrogate: str, resolution: float) -> float:
-    """Factor that makes values of different resolutions comparable."""
+    """Return the factor that makes values of different resolutions comparable."""
     return resolution ** SURROGATES[surrogate].power
 
 
 def _variants(placement: Placement, azimuth_steps: Collection[int]) -> Iterator[_Variant]:
-    """The most accurate ways, and further methods and steps if there are `azimuth_steps`."""
-    own = _azimuth_steps(placement)
+    """Yield the most accurate ways, and further methods and steps if there are `azimuth_steps`."""
+    own_steps = _azimuth_steps(placement)
     yield _Variant("cone", 0, rays=False, best=True)
     if not azimuth_steps:
-        yield _Variant("dda", own, rays=True, best=True)
+        yield _Variant("dda", own_steps, rays=True, best=True)
         return
-    strides = {round(own / steps) for steps in azimuth_steps if steps < own} | {1}
+    strides = {round(own_steps / steps) for steps in azimuth_steps if steps < own_steps} | {1}
     for method in METHODS:
         if method == "cone":
             continue
@@ -120,11 +121,11 @@ def _variants(placement: Placement, azimuth_steps: Collection[int]) -> Iterator[
             yield _Variant(method, steps, rays=False)
         for stride in sorted(strides, reverse=True):
             best = method == "dda" and stride == 1
-            yield _Variant(method, round(own / stride), rays=True, best=best)
+            yield _Variant(method, round(own_steps / stride), rays=True, best=best)
 
 
 def _azimuth_steps(placement: Placement) -> int:
-    """Those of the LiDAR that has most."""
+    """Return the azimuth steps of the LiDAR that has most."""
     return max(lidar.azimuth_steps for lidar in placement.lidars)
 
 
@@ -135,18 +136,20 @@ def _timed(
     surrogates: Sequence[str],
     options: dict[str, Any],
 ) -> pd.DataFrame:
-    """Rows of a variant: names, values and seconds of its surrogates."""
+    """Return the rows of a variant: names, values and seconds of its surrogates."""
     sensor_bits.cache_clear()  # kept coverage would be free
     names = [name for name in surrogates if SURROGATES[name].needs_rays == variant.rays]
-    asked = to_ask_for(names)
+    names_to_ask = to_ask_for(names)
     if variant.rays:
         stride = round(_azimuth_steps(placement) / variant.azimuth_steps)
         # With "cone" the rays are those of dda, and they are not traced for coverage as well.
         method: Method = "cone" if variant.method == "dda" else variant.method
-        options = options | {"surrogates": asked, "azimuth_stride": stride}
+        options = options | {"surrogates": names_to_ask, "azimuth_stride": stride}
         result = evaluate(grid, placement, method, **options)
     else:
-        result = evaluate(grid, placement, variant.method, variant.azimuth_steps or None, asked)
+        result = evaluate(
+            grid, placement, variant.method, variant.azimuth_steps or None, names_to_ask
+        )
     rows = []
     for name in names:
         start = time.perf_counter()
@@ -154,15 +157,21 @@ def _timed(
         rows.append((name, value, result.seconds + time.perf_counter() - start))
     table = pd.DataFrame(rows, columns=["surrogate", "value", "seconds"])
     edge = grid.roi.resolution
-    who = {"placement": placement.name, "class": grid.object_class, "method": variant.method}
-    own = who | {"azimuth_steps": variant.azimuth_steps, "frames": grid.frames, "resolution": edge}
-    return table.assign(comparable=[value * scale(name, edge) for name, value, _ in rows], **own)
+    labels = {"placement": placement.name, "class": grid.object_class, "method": variant.method}
+    columns = labels | {
+        "azimuth_steps": variant.azimuth_steps,
+        "frames": grid.frames,
+        "resolution": edge,
+    }
+    return table.assign(
+        comparable=[value * scale(name, edge) for name, value, _ in rows], **columns
+    )
 
 
 def _pog(
     boxes: pd.DataFrame, frames: pd.DataFrame, roi: Roi, object_class: str
 ) -> tuple[OccupancyGrid, float]:
-    """The POG with what depends on it alone, and the seconds that this took."""
+    """Return the POG with everything that depends on it alone, and the seconds that this took."""
     keys = frame_keys(boxes, frames)
     start = time.perf_counter()
     grid = OccupancyGrid.from_boxes(

@@ -1,4 +1,4 @@
-"""How far a surrogate may be off because the POG was counted over these frames and no others.
+"""Sampling error of surrogates: the POG was counted over these frames and no others.
 
 Frames that follow each other show the same objects, so blocks of consecutive frames of one route
 are drawn with replacement (moving traffic forgets itself within a block), and every surrogate is
@@ -34,8 +34,8 @@ from lidarplace.pog.surrogates.formulas import (
     information,
     log_miss_of_ray,
 )
+from lidarplace.pog.surrogates.inputs import SurrogateInputs
 from lidarplace.pog.surrogates.result import CoveredVoxels, Surrogates
-from lidarplace.pog.surrogates.seen import Seen
 from lidarplace.pog.surrogates.table import ASKED_OF_POG, POG_SURROGATES, SURROGATES
 from lidarplace.rigs.placement import Placement
 
@@ -70,8 +70,9 @@ def pog_sampling_error(
     seed: int = 0,
     surrogates: Collection[str] = ASKED_OF_POG.own,
 ) -> SamplingError:
-    """Sampling error of every surrogate of `placement`, by a bootstrap over blocks of frames:
-    `resamples` draws by `seed` of as many blocks as there are, see `frame_blocks`.
+    """Estimate the sampling error of every surrogate of `placement`, by a bootstrap over blocks.
+
+    `resamples` draws by `seed` take as many blocks as there are, see `frame_blocks`.
 
     With `occlusion` the rays keep the weights w_r of the POG of all frames; only p is resampled. It
     is several times slower then: no two voxels share ln(1 - d). Boxes of frames that are not in
@@ -104,16 +105,16 @@ def pog_sampling_error(
             OccupancyGrid.from_boxes(boxes[block_of_box == b], roi, object_class, int(n)).counts
             for b, n in enumerate(lengths)
         )
-        here = histories.voxels
+        occupied_voxels = histories.voxels
         if occlusion:
             occupied = np.zeros(covered.size, np.int32)
-            occupied[here] = histories.counts(draws[0])[histories.history]
+            occupied[occupied_voxels] = histories.counts(draws[0])[histories.history]
             log = occupied.reshape(roi.shape), int(totals[0])
             log_misses = log_miss(placement, roi, ray_method, *log, detection_probability)
-            log_misses = log_misses.reshape(-1)[here]
-        voxels = _by_history(histories, np.ones(len(here), np.int64))
-        covered_voxels = _by_history(histories, covered[here])
-        crossings_of = _crossings_of(histories, rays[here])
+            log_misses = log_misses.reshape(-1)[occupied_voxels]
+        voxels = _by_history(histories, np.ones(len(occupied_voxels), np.int64))
+        covered_voxels = _by_history(histories, covered[occupied_voxels])
+        crossings_of = _crossings_of(histories, rays[occupied_voxels])
         values: dict[str, list[float]] = {name: [] for name in surrogates}
         for draw, total in zip(draws, totals.tolist(), strict=True):
             counts = histories.counts(draw)
@@ -124,7 +125,7 @@ def pog_sampling_error(
             gain = partial(expected_ig, total, crossings, log_miss_of_ray(detection_probability))
             if occlusion:
                 gain = partial(_gain, counts[histories.history], total, log_misses)
-            seen = Seen(
+            seen = SurrogateInputs(
                 frames=total,
                 counts=levels,
                 voxels=of_level,
@@ -135,27 +136,29 @@ def pog_sampling_error(
                 points=partial(expected_points, total, crossings, 1.0),
                 information=gain,
             )
-            found = {
+            numbers = {
                 name: SURROGATES.number(name, partial(compute, seen), rig)
                 for name, compute in computed.items()
             }
             nonzero = int(seen.covered.sum())
-            result = Surrogates(placement, roi, method, found, all_covered, nonzero, seconds=0.0)
+            result = Surrogates(placement, roi, method, numbers, all_covered, nonzero, seconds=0.0)
             for name in surrogates:
                 values[name].append(result.asked(name))
         for name, (value, *estimates) in values.items():
-            own = {"class": object_class, "surrogate": name}
+            labels = {"class": object_class, "surrogate": name}
             resample = np.array(estimates)
             bias, off = resample.mean() - value, NORMAL_95 * (sd := resample.std(ddof=1))
             ends = {"low": value - bias - off, "high": value - bias + off}
             sizes = {"blocks": len(lengths), "resamples": resamples}
-            rows.append(own | {"value": value, "sd": sd, "bias": bias} | ends | sizes)
-            resampled.append(pd.DataFrame(own | {"resample": range(resamples), "value": resample}))
+            rows.append(labels | {"value": value, "sd": sd, "bias": bias} | ends | sizes)
+            resampled.append(
+                pd.DataFrame(labels | {"resample": range(resamples), "value": resample})
+            )
     return SamplingError(pd.DataFrame(rows), pd.concat(resampled, ignore_index=True))
 
 
 def frame_blocks(frames: pd.DataFrame, blocks: int) -> NDArray[np.int64]:
-    """Block of every row of the frames table: consecutive frames of one route, by `frame`.
+    """Return the block of every row of the frames table: consecutive frames of one route.
 
     A route gives blocks by its share of the frames, at least one, of equal length up to a frame; so
     their number is about `blocks`. Without a column `route` (or `scene`) the log is one route.
@@ -177,14 +180,16 @@ def frame_blocks(frames: pd.DataFrame, blocks: int) -> NDArray[np.int64]:
 
 
 def _by_history(histories: BlockCounts, amount: NDArray[np.generic]) -> NDArray[np.int64]:
-    """Sum over the voxels of every history, shape (nodes,); sums below 2**53 are exact."""
+    """Return sums over the voxels of every history, shape (nodes,); sums below 2**53 are exact."""
     return np.bincount(histories.history, amount, len(histories.parent)).astype(np.int64)
 
 
 def _crossings_of(
     histories: BlockCounts, rays: NDArray[np.integer]
 ) -> Callable[[NDArray[np.int64]], Crossings]:
-    """Those of the counts of the histories; voxels of equal history and rays are one term."""
+    """Return a function of the counts of the histories: their crossings.
+
+    Voxels of equal history and rays are one term."""
     base = int(rays.max(initial=0)) + 1
     pairs, voxels = np.unique(histories.history * np.int64(base) + rays, return_counts=True)
     history, crossing = np.divmod(pairs, base)
@@ -198,7 +203,7 @@ def _crossings_of(
 
 
 def _gain(count: NDArray[np.int64], frames: int, log_misses: NDArray[np.float64]) -> float:
-    """expected_ig with occlusion: every voxel has its own ln(1 - d)."""
+    """Return expected_ig with occlusion: every voxel has its own ln(1 - d)."""
     met = (log_misses < 0) & (count > 0)
     p, rest = count[met] / frames, (frames - count[met]) / frames
     return float(information(p, rest, log_misses[met]).sum())

@@ -6,9 +6,14 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from polygon_examples import away_from, counted_inside, polygons, some_points
 
 from lidarplace.mounting.polygon import above_x_axis, nearest, polygon, sections
+from tests.lidarplace.mounting.polygon_examples import (
+    away_from,
+    counted_inside,
+    polygons,
+    some_points,
+)
 
 
 @given(vertices=polygons, axis=st.sampled_from([0, 1]), seed=st.integers(0, 10**6))

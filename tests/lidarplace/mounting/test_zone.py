@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from polygon_examples import polygons, some_points
 
 from lidarplace.mounting.polygon import NANOMETRE
 from lidarplace.mounting.zone import (
@@ -18,6 +17,7 @@ from lidarplace.mounting.zone import (
     position,
     shares,
 )
+from tests.lidarplace.mounting.polygon_examples import polygons, some_points
 from tests.refused import refused
 
 ROOF = Zone("roof", ((-1, -0.6), (1, -0.4), (1, 0.4), (-1, 0.6)), (1.6, 2.0))

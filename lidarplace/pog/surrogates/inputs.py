@@ -1,4 +1,4 @@
-"""What a placement sees of a class: all that a surrogate is computed from."""
+"""Inputs of surrogates: the sight that a placement has of a class."""
 
 import math
 from collections.abc import Callable
@@ -11,9 +11,10 @@ from lidarplace.pog.surrogates.formulas import Crossings
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """What a placement sees of the POG of one class; what needs rays is worked out when it is
-    called.
+class SurrogateInputs:
+    """Inputs of the surrogates of one class, for a placement on its POG.
+
+    Those that need rays are computed when they are called.
 
     Voxels that are occupied in equally many frames are one level.
 
@@ -38,6 +39,7 @@ class Seen:
     information: Callable[[], float]
 
     def entropy_of(self, number: NDArray[np.number]) -> float:
-        """Sum of H over `number[n]` voxels of level n, nats: of few exact terms, right to its last
-        bits."""
+        """Return the sum of H over `number[n]` voxels of level n, nats.
+
+        It is of few exact terms, right to its last bits."""
         return math.fsum(number * self.entropy)
