@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from sweeps.search.cheapest.choose import Recall
+from sweeps.search.cheapest.cheapest_rig import Recall
 from sweeps.search.cheapest.rig_check import RigCheck, check_rig, cost_of
 from sweeps.search.greedy.certificate import slots_of
 from sweeps.search.greedy.refine import neighbours
