@@ -165,10 +165,10 @@ def _timed(
         rows.append((name, value, result.seconds + time.perf_counter() - start))
     table = pd.DataFrame(rows, columns=["surrogate", "value", "seconds"])
     edge = grid.roi.resolution
-    labels = {"class": grid.object_class, "method": variant.method, "frames": grid.frames}
-    columns = labels | {"azimuth_steps": variant.azimuth_steps, "resolution": edge}
-    comparable = [value * scale(name, edge) for name, value, _ in rows]
-    return table.assign(comparable=comparable, **columns)
+    table["comparable"] = [value * scale(name, edge) for name, value, _ in rows]
+    table["class"], table["method"] = grid.object_class, variant.method
+    table["azimuth_steps"], table["frames"] = variant.azimuth_steps, grid.frames
+    return table.assign(resolution=edge)
 
 
 def _pog(
