@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from small_log import write_sweep
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Roi
 from lidarplace.configuration.placement import read_placement
@@ -18,6 +17,7 @@ from sweeps.calibration.observations import observations, rigs_of
 from sweeps.commands.calibrate import app
 from sweeps.plan.plan import read_plan
 from sweeps.store.open import store_of
+from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import call, result
 
 MOST, RATE = 0.9, 0.03

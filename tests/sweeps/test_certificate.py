@@ -4,7 +4,6 @@ import itertools
 
 import pytest
 import yaml
-from search_files import train_log, write_search
 
 from lidarplace import ExpectedRecall, OccupancyGrid
 from sweeps.configuration.file import ConfigError
@@ -20,6 +19,7 @@ from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.rig import MountedLidar, ordered
 from sweeps.search.problem.space import Assignment, rig_of
+from tests.sweeps.search_files import train_log, write_search
 
 COARSE = {"position_step": 0.6, "angle_step_deg": 10.0, "bound_seconds": 2.0, "refine": 0}
 

@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 import yaml
 from rich.console import Console
-from search_files import write_search
 from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount
@@ -29,6 +28,7 @@ from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.rig import MountedLidar, ordered
 from sweeps.search.verification import reevaluation as recall_module
 from sweeps.stages.task import with_inputs
+from tests.sweeps.search_files import write_search
 
 MODELS = yaml.safe_load("""
 wide: {beams: 8, azimuth_steps: 300, price: 4, power: 9, size_mm: [500, 500, 400]}

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from small_log import SMALL, write_sweep
 
 from lidarplace.clouds.clouds import PointClouds
 from lidarplace.detections.read import COLUMNS
@@ -24,6 +23,7 @@ from sweeps.stages.command import CommandFailed, CommandStage
 from sweeps.store.open import store_of
 from tests.forked import Forked
 from tests.mlflow_database import write_database
+from tests.sweeps.small_log import SMALL, write_sweep
 from tests.sweeps.toy import call
 from training.kitti_ap import evaluate_boxes
 

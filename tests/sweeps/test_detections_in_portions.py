@@ -3,13 +3,13 @@
 import pandas as pd
 import pytest
 import yaml
-from small_log import write_small_log
 
 from lidarplace.scenes.recorded import LogScene, log_parts
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.search.trials.by_generalist import detect_task, metrics_of_portions
 from sweeps.store.local import Store
+from tests.sweeps.small_log import write_small_log
 from tests.sweeps.toy import result
 from training import build_detector
 

@@ -11,8 +11,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from search_files import write_search
-from small_log import write_sweep
 
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.clouds.collect import collect
@@ -30,6 +28,8 @@ from sweeps.results.rigs import write_rigs_page
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.rig import MountedLidar
+from tests.sweeps.search_files import write_search
+from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import call, ran
 from tracking.run_folders.sweep import RunFolder
 

@@ -5,8 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from search_files import write_search
-from small_log import write_sweep
 
 from lidarplace import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.clouds.own_body import check_mounts
@@ -21,6 +19,8 @@ from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.rig import MountedLidar
 from sweeps.stages.task import plain
 from tests.refused import refused
+from tests.sweeps.search_files import write_search
+from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import call
 
 NOSE = {"x": 2.25, "z": 0.6}

@@ -5,7 +5,6 @@ import hashlib
 import numpy as np
 import pytest
 import torch
-from small_log import write_sweep
 
 from sweeps.commands.pretrain import app
 from sweeps.configuration.grid import read_sweep
@@ -15,6 +14,7 @@ from sweeps.plan.plan import make_plan
 from sweeps.plan.pretrain_task import pretrain_task, training_of
 from sweeps.stages.task import with_inputs
 from sweeps.store.local import Store
+from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import Loud, call
 from training import build_detector
 

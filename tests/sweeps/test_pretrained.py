@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from small_log import write_small_log, write_sweep
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.clouds.collect import crop_for
@@ -17,6 +16,7 @@ from sweeps.plan.plan import make_plan
 from sweeps.search.problem.problem import read_problem
 from tests.mlflow_database import write_database
 from tests.refused import refused
+from tests.sweeps.small_log import write_small_log, write_sweep
 from tests.sweeps.toy import call
 from tracking.run_folders.search import SearchFolder
 from training.checkpoints import read_checkpoint, save_checkpoint

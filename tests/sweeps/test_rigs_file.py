@@ -1,11 +1,11 @@
 """The rigs of a sweep, opened in the studio."""
 
 import pytest
-from small_log import write_sweep
 
 from lidarplace.studio.rigs_file import read_rigs
 from sweeps.configuration.grid import read_sweep
 from sweeps.results.rigs import FILE, rigs_yaml
+from tests.sweeps.small_log import write_sweep
 
 OWN = {"convention": "carla", "mounts": [{"x": 0.1, "z": 2.0, "yaw_deg": 12.5, "lidar": "at128"}]}
 

@@ -7,8 +7,6 @@ import pandas as pd
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
-from search_files import run_search, write_search
-from small_log import write_small_log
 
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.mounting.errors import MountingErrors
@@ -17,6 +15,8 @@ from sweeps.search.problem.generalist_trials import generalists, trials_of_rigs
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.training_rigs import training_rigs
 from sweeps.search.trials import by_generalist
+from tests.sweeps.search_files import run_search, write_search
+from tests.sweeps.small_log import write_small_log
 from tracking.run_folders.search import SearchFolder
 
 TINY = {"detector": "pointpillars_tiny", "training": {"epochs": 1, "batch_size": 1}}

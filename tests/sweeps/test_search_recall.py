@@ -3,7 +3,6 @@
 from functools import reduce
 
 import pytest
-from search_files import run_search, searched, train_log, write_search
 
 from lidarplace import ExpectedRecall, Mount, Placement, Roi
 from lidarplace.clouds.shade import ends_in_rig
@@ -16,6 +15,7 @@ from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.rig import MountedLidar
 from sweeps.search.verification.robustness import _cases
+from tests.sweeps.search_files import run_search, searched, train_log, write_search
 
 LIDAR = {"beams": 8, "azimuth_steps": 400, "cloud_share": 0.5}
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from search_files import ROOF, searched, write_search
 
 from lidarplace import Mount
 from lidarplace.configuration.placement import SweptPlacementSettings
@@ -21,6 +20,7 @@ from sweeps.search.problem.constraints import Constraint
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.rig import MountedLidar, placement_of
 from sweeps.search.problem.search_config import as_plain
+from tests.sweeps.search_files import ROOF, searched, write_search
 
 AROUND = {"name": "somebody around", "where": {"distance": [1, 3]}, "what": "Pedestrian"}
 AROUND |= {"at_least": {"points": 4}, "for": 0.9, "step": 1.0}

@@ -10,8 +10,6 @@ import optuna
 import pandas as pd
 import pytest
 import yaml
-from search_files import run_search, searched, train_log, write_search
-from written_tables import check_columns
 
 from lidarplace import OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.configuration.placement import read_placement
@@ -20,6 +18,8 @@ from sweeps.execution.backends import InProcess, Later
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.trials.study import journal_path
 from tests.forked import GUARD_S, Forked
+from tests.sweeps.search_files import run_search, searched, train_log, write_search
+from tests.sweeps.written_tables import check_columns
 from tracking.mlflow.connection import connect
 from tracking.mlflow.experiment_page import VIEW_TAG
 from tracking.run_folders.search import SearchFolder

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
-from search_files import write_search
 
 from sweeps.commands import clean, doctor, status
 from sweeps.commands.search import app as search_app
@@ -19,6 +18,7 @@ from sweeps.store.local import Store
 from sweeps.store.lock import locked
 from sweeps.store.open import reference
 from sweeps.sweep_or_search import is_search, read_either
+from tests.sweeps.search_files import write_search
 from tests.sweeps.toy import call
 
 

@@ -4,8 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from search_files import run_search, write_search
-from small_log import write_small_log
 
 from lidarplace import PAPER_PLACEMENTS, Mount
 from lidarplace.clouds.collect import collect
@@ -21,6 +19,8 @@ from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.rig import MountedLidar, ordered, placement_of
 from sweeps.search.verification.verify import read_verification
+from tests.sweeps.search_files import run_search, write_search
+from tests.sweeps.small_log import write_small_log
 from tracking.run_folders.search import SearchFolder
 
 LOW, HIGH = [-2.0, -0.9, 0.2], [2.0, 0.9, 2.3]

@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import pytest
-from small_log import write_sweep
 
 from sweeps.commands.status import app
 from sweeps.configuration.grid import read_sweep
@@ -14,6 +13,7 @@ from sweeps.plan.plan import make_plan
 from sweeps.results.state import sweep_state
 from sweeps.store.local import Note, Store
 from sweeps.store.lock import locked
+from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import Toy, call
 
 

@@ -1,12 +1,12 @@
 """A copy of a configuration in another folder means the same files."""
 
 import yaml
-from search_files import write_search
-from small_log import write_sweep
 
 from sweeps.configuration.grid import read_sweep
 from sweeps.configuration.whole_paths import portable
 from sweeps.search.problem.problem import read_problem
+from tests.sweeps.search_files import write_search
+from tests.sweeps.small_log import write_sweep
 
 RAYS = "azimuth_deg,elevation_deg\n" + "".join(f"{a},-5\n" for a in range(0, 360, 5))
 

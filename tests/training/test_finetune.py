@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from synthetic_scenes import BOX_COLUMNS, PLAIN, packed, scenes
 
 from lidarplace.clouds.clouds import JoinedClouds
 from lidarplace.clouds.points_in_boxes import count_points
 from lidarplace.logs.boxes import GEOMETRY
 from tests.refused import refused
+from tests.training.synthetic_scenes import BOX_COLUMNS, PLAIN, packed, scenes
 from training import batch_size, build_detector
 from training.batch_size import batch_size_for
 from training.dataset import TrainingFrames, as_tensors, occurring_classes, spread

@@ -10,10 +10,10 @@ from functools import cache
 import pandas as pd
 import pytest
 import torch
-from other_device import MEMORY, other_device
-from synthetic_scenes import scenes
-from test_overfit import LIKE_ANOTHER
 
+from tests.training.other_device import MEMORY, other_device
+from tests.training.synthetic_scenes import scenes
+from tests.training.test_overfit import LIKE_ANOTHER
 from training import NETWORKS, build_detector
 from training.batch_size import MEMORY_SHARE, batch_size_for, step_bytes
 from training.dataset import TrainingFrames, as_tensors

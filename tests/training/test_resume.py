@@ -2,9 +2,9 @@
 
 import pytest
 import torch
-from synthetic_scenes import scenes
 
 from tests.refused import refused
+from tests.training.synthetic_scenes import scenes
 from training.detectors.pointpillars import PointPillars
 from training.finetune import TrainingContext, finetune
 from training.settings import TrainingSettings
