@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
-from lidarplace.coverage import Method
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.selection.submodular import check_weights
 from lidarplace.pog.selection.tracing import Objective, Tracing
 from lidarplace.pog.selection.voxel_gain import SATURATED, VoxelGain, gain_at
+from lidarplace.pog.surrogates.inputs import Sensing
 from lidarplace.rigs.placement import Placement
 
 _ENOUGH = 45.0  # nats: a chance of exp(-45) to be missed moves no float64
@@ -52,23 +52,19 @@ class Exposure:
         weights: Mapping[str, float],
         candidates: Sequence[Placement],
         surrogate: Objective = "expected_ig",
-        method: Method = "cone",
-        detection_probability: float = 0.1,
-        occlusion: bool = False,
-        azimuth_stride: int = 1,
+        sensing: Sensing = Sensing(),
     ) -> Exposure:
         """Trace every candidate once, in as many threads as numba has.
 
-        The keywords are those of `lidarplace.evaluate_classes`, `grids` a POG for each class, of
-        one ROI. The value of a set is the sum over the classes by `weights` (unless 0) of the
-        surrogate of its union, if the LiDARs of all candidates have the same `ray_weight`; else
-        `evaluate_classes` takes the mean over the LiDARs of a rig. Raises ValueError: a weight that
-        is negative or of an unknown class, grids of different ROIs, or a stride below 1."""
+        `grids` are a POG for each class, of one ROI. The value of a set is the sum over the classes
+        by `weights` (unless 0) of the surrogate of its union, if the LiDARs of all candidates have
+        the same `ray_weight`; else `evaluate_classes` takes the mean over the LiDARs of a rig.
+        Raises ValueError: a weight that is negative or of an unknown class, grids of different
+        ROIs, or a stride below 1."""
         check_weights(weights, [*grids])
         weighted = {name: grid for name, grid in grids.items() if weights.get(name, 0) > 0}
         weighted = weighted or dict(grids)
-        settings = detection_probability, occlusion, azimuth_stride
-        source = Tracing(weighted, surrogate, method, *settings)
+        source = Tracing(weighted, surrogate, sensing)
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
             parts = list(threads.map(source.of_candidate, candidates))
         voxels, amounts = [part[0] for part in parts], [part[1] for part in parts]

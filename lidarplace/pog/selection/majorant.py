@@ -80,7 +80,7 @@ class Majorant:
                 gains = gains_of(tables, exposed * _unit(exposure))
                 reached = gains.copy()
                 for e in np.flatnonzero(share):
-                    _climb(rows, e, tables, ladder, share[e], exposed, gains, reached)
+                    _climb(rows, (e, share[e]), tables, ladder, exposed, gains, reached)
                 low = reached < value
                 value[low], constant[low], start[low] = reached[low], gains[low], exposed[low]
                 slopes[low] = _STEPS
@@ -91,10 +91,9 @@ class Majorant:
 
         Block b is `edges[b]` to `edges[b + 1]`; None: one block of all voxels."""
         edges = np.array([0, len(self.constant)]) if edges is None else edges
-        exposure, steps = self.exposure, (self.constant, self.slopes, self.start)
-        return _added(
-            exposure.rows, candidate, exposure.gain.tables, exposure.ladder, *steps, edges
-        )
+        exposure, lines = self.exposure, (self.constant, self.slopes, self.start)
+        tables = exposure.gain.tables, exposure.ladder
+        return _added(exposure.rows, candidate, *tables, lines, edges)
 
     def cut(self, blocks: int) -> Cut:
         """Return the sums over blocks of voxels."""
@@ -153,9 +152,9 @@ def _lines(tables, total, least, constant, slopes):
 
 
 @njit(cache=True, nogil=True)
-def _climb(rows, candidate, tables, ladder, share, start, gains, reached):
-    """Add `share` of what a candidate adds by steps to `reached`."""
-    offsets, voxels, amounts, scale = rows
+def _climb(rows, part, tables, ladder, start, gains, reached):
+    """Add a part, a candidate and its share, of what it adds by steps to `reached`."""
+    (offsets, voxels, amounts, scale), (candidate, share) = rows, part
     profile, top, scaled = tables[1], ladder.shape[1] - 1, scale[candidate]
     for n in range(offsets[candidate], offsets[candidate + 1]):
         v = voxels[n]
@@ -167,8 +166,8 @@ def _climb(rows, candidate, tables, ladder, share, start, gains, reached):
 
 
 @njit(cache=True, nogil=True)
-def _added(rows, candidate, tables, ladder, constant, slopes, start, edges) -> NDArray[np.float64]:
-    offsets, voxels, amounts, scale = rows
+def _added(rows, candidate, tables, ladder, lines, edges) -> NDArray[np.float64]:
+    (offsets, voxels, amounts, scale), (constant, slopes, start) = rows, lines
     profile, top, scaled = tables[1], ladder.shape[1] - 1, scale[candidate]
     added = np.zeros(len(edges) - 1)
     n, last = offsets[candidate], offsets[candidate + 1]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Roi
-from lidarplace.coverage import Method, covered_bits, rays_of
+from lidarplace.coverage import covered_bits, rays_of
 from lidarplace.coverage.rays import ray_counts, ray_weight
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.pog.occupancy.grid import OccupancyGrid
@@ -21,6 +21,7 @@ from lidarplace.pog.surrogates.evaluate import (
     occupied_tiles,
 )
 from lidarplace.pog.surrogates.formulas import log_miss_of_ray
+from lidarplace.pog.surrogates.inputs import Sensing
 from lidarplace.rigs.placement import Placement
 
 Objective = Literal["covered_entropy", "expected_ig", "expected_points"]
@@ -44,15 +45,10 @@ class Tracing:
     """Exposures of single candidates."""
 
     def __init__(
-        self,
-        grids: Mapping[str, OccupancyGrid],
-        surrogate: Objective,
-        method: Method,
-        q: float,
-        occlusion: bool,
-        azimuth_stride: int,
+        self, grids: Mapping[str, OccupancyGrid], surrogate: Objective, sensing: Sensing
     ) -> None:
-        self.grids, self.method, self.azimuth_stride = grids, method, azimuth_stride
+        method, q, occlusion = sensing.method, sensing.detection_probability, sensing.occlusion
+        self.grids, self.method, self.azimuth_stride = grids, method, sensing.azimuth_stride
         self.roi = common_roi(grids)
         self.tiles: Tiles = occupied_tiles(grids)
         self.occupied: Roi = occupied_layers(self.roi, self.tiles, rays_of(method))

@@ -7,7 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.coverage import Method
 from lidarplace.pog.surrogates.formulas import Crossings
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """Settings of coverage and of rays; see `lidarplace.evaluate`."""
+
+    method: Method = "cone"
+    detection_probability: float = 0.1
+    occlusion: bool = False
+    azimuth_stride: int = 1
 
 
 @dataclass(frozen=True, eq=False)
