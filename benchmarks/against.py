@@ -158,12 +158,13 @@ def rig() -> Call:
     import torch
 
     from lidarplace import Roi
-    from training.pretrained import judge
+    from training import pretrained
 
+    evaluate = pretrained.evaluate_rig if hasattr(pretrained, "evaluate_rig") else pretrained.judge
     torch.set_num_threads(1)
     log, _, placement = log_and_rig()
     roi = Roi(x=(0, 40), y=(-20, 20), z=(0, 4), resolution=0.1)
-    return lambda turn: float(judge(placement, log, roi)["value"].sum())
+    return lambda turn: float(evaluate(placement, log, roi)["value"].sum())
 
 
 def training(detector: str) -> Call:
@@ -171,15 +172,19 @@ def training(detector: str) -> Call:
     import torch
 
     from lidarplace.clouds.visibility import ground_truth
-    from training.finetune import finetune
+    from training import finetune
     from training.settings import TrainingSettings
 
     torch.set_num_threads(1)
+    context = getattr(
+        finetune, "TrainingContext", None
+    )  # older commits have its fields as arguments
+    options = {"context": context(CROP)} if context else {"point_range": CROP}
     objects = ground_truth(log_and_rig()[0], (0, 40), (-20, 20), (0, 4))
     settings = TrainingSettings(epochs=2, batch_size=4, rotation=0.1)
 
     def call(turn: int) -> float:
-        result = finetune(detector, ["Car"], clouds(), objects, settings, 1, point_range=CROP)
+        result = finetune.finetune(detector, ["Car"], clouds(), objects, settings, 1, **options)
         return float(sum(float(value.double().sum()) for value in result.state_dict.values()))
 
     return call

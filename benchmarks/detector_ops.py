@@ -21,7 +21,7 @@ from training.ops.nms import nms
 from training.ops.points_in_boxes import box_of_points
 from training.ops.roipoint_pool import roipoint_pool
 from training.ops.sampling import furthest_point_sample
-from training.ops.voxel_query import voxel_query
+from training.ops.voxel_query import OccupiedVoxels, voxel_query
 
 RUNS = 7
 CAR = (3.9, 1.6, 1.56)
@@ -69,7 +69,8 @@ def _voxels(random: np.random.Generator, device: torch.device) -> None:
     new = torch.from_numpy(random.integers((0, 0, 300, 250), (2, *shape), (27_648, 4))).to(device)
     xyz, new_xyz = coordinates[:, [3, 2, 1]] * size, new[:, [3, 2, 1]] * size
     name = "voxel query 27648 of 16000, 9 × 9 × 9"
-    _report(name, voxel_query, (4, 4, 4), 0.4, 16, xyz, coordinates, shape, new_xyz, new)
+    voxels = OccupiedVoxels(xyz, coordinates, shape)
+    _report(name, voxel_query, (4, 4, 4), 0.4, 16, voxels, new_xyz, new)
 
 
 def _boxes(random: np.random.Generator, device: torch.device) -> None:

@@ -1,6 +1,6 @@
 """Errors of the surrogate mathematics over random and extreme inputs, against exact references.
 
-    PYTHONPATH=tests/lidarplace OMP_NUM_THREADS=1 python benchmarks/numerics.py
+    PYTHONPATH=. OMP_NUM_THREADS=1 python benchmarks/numerics.py
 
 About a minute. References have 50 digits or more (mpmath) or are rational; they are those of
 `tests/lidarplace/test_extremes.py`. Sums and information: worst relative error. Cones: the change
@@ -18,13 +18,6 @@ from fractions import Fraction
 
 import mpmath
 import numpy as np
-from test_extremes import (
-    DIGITS,
-    exact_entropy,
-    exact_entropy_sum,
-    exact_information,
-    exactly_covered,
-)
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.coverage import coverage
@@ -33,6 +26,13 @@ from lidarplace.coverage.rays import ray_counts
 from lidarplace.pog.occupancy.box_counts import count_boxes
 from lidarplace.pog.occupancy.entropy import binary_entropy
 from lidarplace.pog.surrogates.formulas import information
+from tests.lidarplace.test_extremes import (
+    DIGITS,
+    exact_entropy,
+    exact_entropy_sum,
+    exact_information,
+    exactly_covered,
+)
 
 ROI = Roi(x=(0.0, 0.6), y=(-0.3, 0.3), z=(0.0, 0.4), resolution=0.1)
 MANY = 10**7

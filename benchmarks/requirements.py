@@ -22,7 +22,7 @@ from lidarplace.clouds.shapes import shapes_of
 from lidarplace.logs.boxes import CLASSES, GEOMETRY
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import CELL_M, IOU, default_curves
-from lidarplace.recall.surface_cells import Frames, SurfaceCells, slices_of, surface_cells
+from lidarplace.recall.surface_cells import ObjectFrames, SurfaceCells, slices_of, surface_cells
 from lidarplace.requirements.area import Area
 from lidarplace.requirements.check_requirements import check_requirements
 from lidarplace.requirements.layout import lay_out
@@ -99,7 +99,7 @@ def boxes_and_shapes(number: int = 200) -> None:
         )
         shapes = shapes_of(table)
         parts = [shapes.parts(np.array([row]), boxes[[row]]) for row in range(number)]
-        alone = Frames(
+        alone = ObjectFrames(
             parts=np.concatenate([body.and_(one).geometry for one in parts]),
             owner=np.concatenate(
                 [np.append(body.owner, one.owner + row) for row, one in enumerate(parts)]

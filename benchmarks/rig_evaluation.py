@@ -29,7 +29,7 @@ from lidarplace.clouds.visibility import ground_truth
 from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log
 from lidarplace.rigs.placement import Placement
 from training.detect import detect
-from training.finetune import finetune
+from training.finetune import TrainingContext, finetune
 from training.kitti_ap import evaluate_boxes
 from training.settings import TrainingSettings
 
@@ -75,7 +75,7 @@ def main(
     clouds, collecting = timed(lambda: collect(log, learnt, placement("line"), crop))
     own = objects[objects["frame"].isin(learnt)]
     trained, training = timed(
-        lambda: finetune(detector, CLASSES, clouds, own, settings, seed=1, point_range=crop)
+        lambda: finetune(detector, CLASSES, clouds, own, settings, 1, TrainingContext(crop))
     )
 
     test = numbers(log, "test", frames)

@@ -21,7 +21,7 @@ import optuna
 from lidarplace.command_line.terminal import output
 from sweeps.execution.backends import InProcess
 from sweeps.search.problem.assess import assess
-from sweeps.search.problem.problem import Problem, read_problem
+from sweeps.search.problem.problem import SearchProblem, read_problem
 from sweeps.search.trials.traffic import training_traffic
 from sweeps.store.open import store_of
 
@@ -30,7 +30,7 @@ RIGS = 100
 PROCESSES = 2
 
 
-def problem_at(resolution: float, objective: str) -> tuple[Problem, dict]:
+def problem_at(resolution: float, objective: str) -> tuple[SearchProblem, dict]:
     """The problem, and its POG from a folder that later runs find again."""
     folder = Path(tempfile.gettempdir()) / "search_speed"
     problem = read_problem(
@@ -49,14 +49,14 @@ def rate(job: tuple[float, str, int, int]) -> float:
     resolution, objective, stride, seed = job
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     problem, traffic = problem_at(resolution, objective)
-    question = replace(problem.question, azimuth_stride=stride)
+    criteria = replace(problem.criteria, azimuth_stride=stride)
     study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed))
     rigs = [problem.space.suggest(study.ask())[0] for _ in range(RIGS + 3)]
     for rig in rigs[:3]:  # load the compiled code
-        assess(rig, question, traffic)
+        assess(rig, criteria, traffic)
     start = time.perf_counter()
     for rig in rigs[3:]:
-        assess(rig, question, traffic)
+        assess(rig, criteria, traffic)
     return RIGS / (time.perf_counter() - start)
 
 
@@ -65,8 +65,8 @@ def errors(resolution: float, objective: str, stride: int) -> np.ndarray:
     problem, traffic = problem_at(resolution, objective)
     values = []
     for steps in (stride, 1):
-        question = replace(problem.question, azimuth_stride=steps)
-        found = [assess(rig, question, traffic).values for rig in problem.paper_rigs().values()]
+        criteria = replace(problem.criteria, azimuth_stride=steps)
+        found = [assess(rig, criteria, traffic).values for rig in problem.paper_rigs().values()]
         values.append(np.array([own[objective] for own in found if own]))
     return values[0] / values[1] - 1
 

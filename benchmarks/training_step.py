@@ -115,16 +115,13 @@ def one(network: str, frames: int, half: bool) -> list[dict[str, float]]:
     ]
     for owner, function, part in parts:
         clock.watch(owner, function, part)
-    finetune.finetune(
-        "pointpillars_tiny" if joint else network,
-        classes,
-        JoinedClouds(clouds),
-        objects,
-        settings,
-        seed=1,
-        point_range=CROP,
-        on_step=clock.step,
-    )
+    options = {"point_range": CROP, "on_step": clock.step}
+    context = getattr(
+        finetune, "TrainingContext", None
+    )  # older commits have its fields as arguments
+    options = {"context": context(**options)} if context else options
+    name = "pointpillars_tiny" if joint else network
+    finetune.finetune(name, classes, JoinedClouds(clouds), objects, settings, seed=1, **options)
     return [{part: t / 4 for part, t in step.items()} for step in clock.steps[FIRST_STEPS:]]
 
 

@@ -55,7 +55,7 @@ ARROWS: tuple[tuple[tuple[tuple[int, int], ...], str], ...] = (
     (((609, 260), (671, 260)), "finetune"),
     (((829, 260), (891, 260)), "evaluate"),
     (((310, 282), (310, 330), (970, 330), (970, 282)), ""),
-    (((750, 330), (750, 282)), "pretrain, pretrained, judge, command, measure: alike"),
+    (((750, 330), (750, 282)), "pretrain, pretrained, detect, command, measure: alike"),
     (((829, 88), (920, 148)), ""),
     (((970, 238), (970, 192)), ""),
     (((1049, 160), (1101, 130)), ""),

@@ -11,7 +11,7 @@ from typing import Any
 
 from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.studio.rigs_file import RigsSettings
-from sweeps.configuration.question import RequirementsFile
+from sweeps.configuration.requirements_file import RequirementsFile
 from sweeps.configuration.search import SearchFile
 from sweeps.configuration.sweep import SweepFile
 

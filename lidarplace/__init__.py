@@ -1,4 +1,4 @@
-"""Where do the LiDARs go on a vehicle? Box logs, occupancy, coverage and surrogates."""
+"""Placement of LiDARs on a vehicle: box logs, occupancy, coverage and surrogates."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ __all__ = [
 
 
 def plot(thing: Any) -> Any:
-    """The figure of a thing (`plotly.graph_objects.Figure`): what `thing.plot()` is."""
+    """Return the figure of a thing (`plotly.graph_objects.Figure`): what `thing.plot()` is."""
     from lidarplace.viewing.figures import figure
 
     return figure(thing)
@@ -51,5 +51,5 @@ draw_with(plot)
 
 
 def __dir__() -> list[str]:
-    """The public names: modules are for those who know theirs."""
+    """Return the public names: modules are for those who know theirs."""
     return sorted(__all__)

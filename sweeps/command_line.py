@@ -19,14 +19,17 @@ from typer.core import TyperCommand, TyperGroup
 
 @dataclass(frozen=True)
 class Verb:
-    """The module that has the app of a verb, its line of help, "" for the first line of the
-    module's docstring, and the extra that has to be installed in addition to the base, if any."""
+    """The module with the app of a verb, its line of help and its extra.
+
+    `line`: "" for the first line of the module's docstring. `extra`: to be installed in addition to
+    the base, if any."""
 
     module: str
     line: str = ""
     extra: str = ""
 
     def help(self) -> str:
+        """Return the line of help."""
         line = self.line
         if not line:
             try:
@@ -80,7 +83,7 @@ VERBS = {
         "sweeps.commands.benchmark", "Compare a predictor with the results of trained detectors."
     ),
 }
-"""By name, in the order of help; those of packages follow."""
+"""Verbs by name, in the order of help; those of packages follow."""
 
 for _point in sorted(entry_points(group="lidarplace.commands")):
     VERBS.setdefault(_point.name, Verb(_point.module, extra=" ".join(_point.extras)))
@@ -94,7 +97,7 @@ class _Listed(TyperCommand):
 
 
 class _Verbs(TyperGroup):
-    """Lists verbs by name alone, and loads the one that is called."""
+    """A group that lists verbs by name alone, and loads the one that is called."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)

@@ -23,13 +23,13 @@ def main(*verb: str) -> None:
 
 
 def _foreign_package() -> Path | None:
-    """The folder or file that Python finds in place of a package of ours."""
+    """Return the folder or file that Python finds in place of a package of ours."""
     for name in ("sweeps", "lidarplace", "training", "tracking"):
         spec = find_spec(name)
         if spec is not None and spec.origin is not None:
-            found = Path(spec.origin)
-            if not found.samefile(Path(__file__).parents[1] / name / "__init__.py"):
-                return found.parent if found.name == "__init__.py" else found
+            origin = Path(spec.origin)
+            if not origin.samefile(Path(__file__).parents[1] / name / "__init__.py"):
+                return origin.parent if origin.name == "__init__.py" else origin
     return None
 
 

@@ -11,7 +11,7 @@ from lidarplace.command_line.verbs import wrong
 
 
 def _key_paths(incomplete: str) -> Iterator[str]:
-    """Keys of the files of sweeps and searches for a shell to complete, one level at a time."""
+    """Return keys of sweeps and searches for a shell to complete, one level at a time."""
     from sweeps.configuration.search import SearchFile
     from sweeps.configuration.sweep import SweepFile
 
@@ -24,12 +24,12 @@ def _key_paths(incomplete: str) -> Iterator[str]:
         names = [option["$ref"].rpartition("/")[2] for option in options if "$ref" in option]
         # A scene has one of several kinds.
         fields = [kinds[name].get("properties", {}) for name in names]
-        place = {key: field for own in fields for key, field in own.items()}
+        place = {key: field for properties in fields for key, field in properties.items()}
     yield from (".".join([*parents, key]) for key in place)
 
 
 def _check_pairs(value: list[str] | None) -> list[str] | None:
-    """Refuse `--set key value` before the value is taken for an argument too many."""
+    """Reject `--set key value` before the value is taken for an argument too many."""
     from sweeps.configuration.file import ConfigError, split_override
 
     for pair in value or ():
@@ -41,12 +41,12 @@ def _check_pairs(value: list[str] | None) -> list[str] | None:
 
 
 def given(config: Path | None, kind: str, example: str, json_alone: bool) -> Path:
-    """The file of a `run` or a `search`; ends the program where `--json` has nothing to show."""
+    """Return the file of a `run` or a `search`; exits where `--json` has nothing to show."""
     if config is None:
         wrong(f"missing configuration file, such as {example}")
     if json_alone:
-        told = command("status", str(config), "--json")
-        wrong(f"--json: needs --dry-run or --schema; for the progress of a {kind}: {told}")
+        status_line = command("status", str(config), "--json")
+        wrong(f"--json: needs --dry-run or --schema; for the progress of a {kind}: {status_line}")
     return config
 
 

@@ -8,7 +8,7 @@ from sweeps.configuration.grid import Sweep, read_sweep
 
 
 def is_search(path: Path) -> bool:
-    """Whether a file describes a search. What is wrong with a file is reported by its reader."""
+    """Return whether a file describes a search. Mistakes in a file are reported by its reader."""
     try:
         content = read_yaml_file(path)
     except (OSError, YamlError):
@@ -17,8 +17,9 @@ def is_search(path: Path) -> bool:
 
 
 def read_either(path: Path, overrides: Sequence[str] = ()) -> Sweep:
-    """The sweep of a file; of a search one that has its scene, store and output. Raises
-    ConfigError."""
+    """Return the sweep of a file; of a search one with its scene, store and output.
+
+    Raises ConfigError."""
     if not is_search(path):
         return read_sweep(path, overrides)
     from sweeps.search.problem.problem import read_problem  # Optuna

@@ -216,12 +216,12 @@ def check(kind: str, content: dict, path: Path) -> None:
     from lidarplace.scenes.datasets.class_maps import named_class_map
     from lidarplace.scenes.label_tables.mapping import read_mapping
     from sweeps.configuration.grid import read_sweep
-    from sweeps.configuration.question import read_question
+    from sweeps.configuration.requirements_file import read_requirements_check
     from sweeps.search.problem.problem import read_problem
 
     if kind == "requirements":
         path.write_text(yaml.safe_dump(content, sort_keys=False))
-        read_question(path)
+        read_requirements_check(path)
         return
     if kind == "collection":
         Collection.model_validate(content)

@@ -111,7 +111,8 @@ import torch
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.logs.boxes import GEOMETRY
 from sweeps.configuration.search import SearchFile
-from sweeps.configuration.sweep import Point, SweepFile
+from sweeps.configuration.point import Point
+from sweeps.configuration.sweep import SweepFile
 from lidarplace.base.code_version import code_version
 from training import build_detector, code_of_network
 from training.kitti_ap import evaluation

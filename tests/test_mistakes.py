@@ -20,7 +20,8 @@ from lidarplace.rigs.catalogue.datasheet import catalogue
 from sweeps.command_line import app
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
-from sweeps.configuration.sweep import Common, Point
+from sweeps.configuration.point import Point
+from sweeps.configuration.sweep import Common
 from tests.docs_blocks import ROOT
 from tests.mistakes_world import names
 from tests.sweeps.search_files import write_search

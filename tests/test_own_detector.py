@@ -12,7 +12,7 @@ import torch
 import yaml
 from torch import nn
 
-from lidarplace.base.code_version import code_version
+from lidarplace.base.code_version import code_version, forget_versions
 from lidarplace.base.errors import InputError
 from lidarplace.base.plugin_folders import PLUGINS, plugin_folder
 from sweeps.execution.failures import Failure
@@ -42,7 +42,7 @@ def plugins():
     for name in set(sys.modules) - known:
         if name.partition(".")[0] in ("own_detector", "broken"):
             del sys.modules[name]
-    code_version.cache_clear()
+    forget_versions()
 
 
 @pytest.fixture
@@ -129,7 +129,7 @@ def test_its_code_reaches_workers_and_keys(plugins, tmp_path):
     code = code_version(*code_of_network(NETWORK))
     text = (tmp_path / "own_detector/nets.py").read_text()
     (tmp_path / "own_detector/nets.py").write_text(text.replace("SPREAD = 1.5", "SPREAD = 1.6"))
-    code_version.cache_clear()
+    forget_versions()
     assert code_version(*code_of_network(NETWORK)) != code
 
 

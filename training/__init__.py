@@ -27,10 +27,10 @@ _OWN = (
 )
 
 NETWORKS: Registry[Any] = Registry(PLUG_INS.group, {n: f"training.detectors.{n}" for n in _OWN})
-"""The networks: the module of each of ours, the function `build` of a plug-in."""
+"""Networks: a module of this package, or the function `build` of a plug-in."""
 
 DETECTORS = OneOf((NETWORKS.where(lambda own: True),), tails=("", "_paper", "_tiny"))
-"""Names that `build_detector` knows: a network (preset "openpcdet") or one with its preset."""
+"""Names for `build_detector`: a network (preset "openpcdet") or one with its preset."""
 
 
 def build_detector(
@@ -40,7 +40,7 @@ def build_detector(
     point_range: PointRange | None = None,
     typical: Sequence[TypicalObject] = (),
 ) -> Detector:
-    """An untrained detector.
+    """Build an untrained detector.
 
     Args:
         name: one of DETECTORS; "second_tiny" is "second" with preset "tiny".
@@ -59,17 +59,17 @@ def build_detector(
     try:
         DETECTORS.check(name)
     except PydanticCustomError:
-        known = ", ".join(DETECTORS.names())
-        raise InputError(f"unknown detector {name!r}", expected=f"one of {known}") from None
+        names = ", ".join(DETECTORS.names())
+        raise InputError(f"unknown detector {name!r}", expected=f"one of {names}") from None
     return build(name, classes, preset, point_range, typical)
 
 
 def network_of(detector: str) -> str:
-    """The one of NETWORKS that a detector is."""
+    """Return the one of NETWORKS that a detector is."""
     return network_and_preset(detector)[0]
 
 
 def code_of_network(network: str) -> tuple[str, ...]:
-    """List the modules that a network has for itself."""
-    own = f"training.detectors.{network}" if network in NETWORKS.own else "training.detectors.build"
-    return (own, *NETWORKS.modules([network]))
+    """List the dotted paths of the code that only this network needs."""
+    module = network if network in NETWORKS.own else "build"
+    return (f"training.detectors.{module}", *NETWORKS.modules([network]))

@@ -23,7 +23,7 @@ class Augmentation:
     database: ObjectDatabase  # objects to paste
 
     def __call__(self, sample: Sample, key: tuple[int, int, int]) -> Sample:
-        """A frame as it is trained on, of `key`: seed, epoch, frame; may change `sample`."""
+        """Change a frame at random by `key`: seed, epoch, frame; may write to `sample`."""
         sample = self.database.paste(sample, generator(Purpose.PASTE, *key))
         sample = moved(sample, self.settings, generator(Purpose.MOVE, *key))
         sample = within_range(sample, self.point_range)
@@ -60,22 +60,22 @@ def _move(rows, mirror, cos, sin, scale) -> None:
 
 
 def within_range(sample: Sample, point_range: PointRange) -> Sample:
-    """The points and the boxes' centres in `point_range` as seen from above, at any height."""
+    """Drop points and boxes outside `point_range` as seen from above, at any height."""
     # In the points' own precision, which spares a copy of them in double.
     low, high = np.array(point_range, np.float32).reshape(2, 3)[:, :2]
-    kept = _within(sample.boxes, low, high)
+    rows = _within(sample.boxes, low, high)
     # `take` copies rows ten times as fast as an index.
     points = sample.points.take(_within(sample.points, low, high), axis=0)
-    return Sample(points, sample.boxes[kept], sample.labels[kept])
+    return Sample(points, sample.boxes[rows], sample.labels[rows])
 
 
 @njit(cache=True)
 def _within(rows, low, high) -> NDArray[np.int64]:
-    """Which rows have x and y, which come first, between two corners."""
-    found = np.empty(len(rows), np.int64)
+    """Select the rows whose x and y, the first columns, are between two corners."""
+    inside = np.empty(len(rows), np.int64)
     count = 0
     for i in range(len(rows)):
-        found[count] = i
+        inside[count] = i
         x, y = rows[i, 0], rows[i, 1]
         count += (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
-    return found[:count]
+    return inside[:count]

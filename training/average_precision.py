@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lidarplace.base.kernel_cache import inner, njit
 
 COUNTS, IGNORED, OTHER = 0, 1, -1
-"""What a box is to the class under test: it counts, is neither hit nor miss, is not looked at."""
+"""Roles of a box for the class under test: it counts, is neither hit nor miss, is not used."""
 
 RECALL_POINTS = 41
 
@@ -51,7 +51,7 @@ class FramePairs(NamedTuple):
 
 
 class Roles(NamedTuple):
-    """What every box is to the class under test."""
+    """Roles of all boxes for the class under test."""
 
     truths: NDArray[np.int8]  # COUNTS, IGNORED or OTHER, shape (G,)
     detections: NDArray[np.int8]  # the same, shape (D,)

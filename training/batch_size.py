@@ -1,4 +1,4 @@
-"""How many frames make a step."""
+"""Number of frames of a training step."""
 
 import copy
 
@@ -15,7 +15,7 @@ MEMORY_SHARE = 0.8
 
 
 def batch_size_for(model: Detector, frames: TrainingFrames, settings: TrainingSettings) -> int:
-    """The batch size of the settings; for "auto", 4 on a CPU.
+    """Choose the batch size of the settings; for "auto", 4 on a CPU.
 
     On a GPU "auto" is the largest power of two up to 16 that its memory holds: one step is tried on
     the largest frames, with a copy of `model`. Networks may draw random numbers in it.
@@ -41,7 +41,7 @@ def _fits(model: Detector, frames: TrainingFrames, settings: TrainingSettings, s
 def step_bytes(
     model: Detector, frames: TrainingFrames, settings: TrainingSettings, size: int
 ) -> int | None:
-    """GPU memory that one step with the `size` largest frames adds; None if it does not fit."""
+    """Measure the GPU memory that a step with the `size` largest frames adds; None: too much."""
     gpu = torch.get_device_module(model.device)
     gpu.empty_cache()
     gpu.reset_peak_memory_stats(model.device)

@@ -32,7 +32,7 @@ KITTI_ORDER = ("Car", "Pedestrian", "Cyclist")
 
 @dataclass(frozen=True)
 class LoadReport:
-    """What `load_checkpoint` found."""
+    """Result of `load_checkpoint`."""
 
     reinitialised: tuple[str, ...]  # entries of heads for other classes, which stay the model's
     digest: str  # SHA-256 of the file
@@ -58,54 +58,54 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
 
 
 def _load(model: Detector, content: Mapping[str, Any], new_heads: bool) -> tuple[str, ...]:
-    found = content.get("model_state", content)
-    tensors = isinstance(found, Mapping) and all(isinstance(v, Tensor) for v in found.values())
-    if not tensors or not found:
+    loaded = content.get("model_state", content)
+    tensors = isinstance(loaded, Mapping) and all(isinstance(v, Tensor) for v in loaded.values())
+    if not tensors or not loaded:
         raise InputError("not a checkpoint", expected="a state_dict of tensors")
-    own = model.state_dict()
-    _same_keys(own, found)
-    if odd := [key for key in own if not _is_plain(found[key], own[key])]:
-        key, kind = odd[0], "floats" if own[odd[0]].is_floating_point() else "integers"
+    current = model.state_dict()
+    _same_keys(current, loaded)
+    if odd := [key for key in current if not _is_plain(loaded[key], current[key])]:
+        key, kind = odd[0], "floats" if current[odd[0]].is_floating_point() else "integers"
         more = f", and so are {len(odd) - 1} more" * (len(odd) > 1)
-        wanted, its = f"a dense tensor of {kind}", f"{_kind(found[key])}{more}"
+        wanted, its = f"a dense tensor of {kind}", f"{_kind(loaded[key])}{more}"
         raise InputError(key=key, expected=wanted, found=its)
-    found = _in_our_layout(own, found)
-    if broken := [key for key, value in found.items() if not torch.isfinite(value).all()]:
+    loaded = _in_our_layout(current, loaded)
+    if broken := [key for key, value in loaded.items() if not torch.isfinite(value).all()]:
         raise InputError(key=_some(broken), expected="finite numbers")
-    fresh = [key for key in own if own[key].shape != found[key].shape]
+    fresh = [key for key in current if current[key].shape != loaded[key].shape]
     if not fresh:
         fault = _other_classes(model, content) or _other_anchors(model, content)
         if fault and not new_heads:
             raise fault
-        fresh = [key for key in own if fault and _of_head(key)]
+        fresh = [key for key in current if fault and _of_head(key)]
     elif not (new_heads and all(map(_of_head, fresh))):
-        its, ours = (_some([f"{[*of[key].shape]}" for key in fresh]) for of in (found, own))
+        its, ours = (_some([f"{[*of[key].shape]}" for key in fresh]) for of in (loaded, current))
         fix = "new_heads: true trains heads for other classes" * all(map(_of_head, fresh))
         raise InputError("wrong shape", key=_some(fresh), expected=ours, found=its, fix=fix)
-    model.load_state_dict({**found, **{key: own[key] for key in fresh}})
+    model.load_state_dict({**loaded, **{key: current[key] for key in fresh}})
     return tuple(fresh)
 
 
 def _other_classes(model: Detector, content: Mapping[str, Any]) -> InputError | None:
-    """What differs, if the file is for as many, but other classes."""
+    """Fault of a file for as many, but other classes than the detector's."""
     ours = list(model.classes)
     classes = content.get("classes", list(KITTI_ORDER[: len(ours)]))
     if classes == ours:
         return None
     unnamed = " (it names none, and these are OpenPCDet's)" * ("classes" not in content)
-    found = f"{reprlib.repr(classes)}{unnamed}"
+    its = f"{reprlib.repr(classes)}{unnamed}"
     fix = "name the classes in the order of the file, or train new heads with new_heads: true"
-    return InputError(key="classes", expected=ours, found=found, fix=fix)
+    return InputError(key="classes", expected=ours, found=its, fix=fix)
 
 
 def _other_anchors(model: Detector, content: Mapping[str, Any]) -> InputError | None:
-    """What differs, if the heads of the file belong to other anchors than the detector's."""
-    ours, its = ({t.name: t for t in own} for own in (model.typical, from_plain(content)))
+    """Fault of a file whose heads belong to other anchors than the detector's."""
+    ours, its = ({t.name: t for t in typical} for typical in (model.typical, from_plain(content)))
     for name in sorted(ours.keys() | its.keys()):
         if ours.get(name) != its.get(name):
-            found, wanted = (own.get(name, f"{name} as in the preset") for own in (its, ours))
+            our, other = (anchors.get(name, f"{name} as in the preset") for anchors in (ours, its))
             fix = "leave the size out, or train new heads with new_heads: true"
-            return InputError("other anchors", expected=wanted, found=found, fix=fix)
+            return InputError("other anchors", expected=our, found=other, fix=fix)
     return None
 
 
@@ -151,7 +151,7 @@ def write_tensors(path: Path, content: Any) -> None:
 
 
 def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
-    """The dict in a file, tensors on the CPU, and the SHA-256 of the file.
+    """Read the dict in a file, tensors on the CPU, and the SHA-256 of the file.
 
     Raises OSError: it cannot be read; DamagedCheckpoint: it is not what was written; ValueError: it
     is not a dict of tensors and plain values.
@@ -160,10 +160,12 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
     data = regular(path).read_bytes()
     _check_sums(path, data)
     try:
-        with warnings.catch_warnings(record=True, action="always") as told:
+        with warnings.catch_warnings(record=True, action="always") as messages:
             content = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except pickle.UnpicklingError as error:
-        protocol = re.search(r"pickle protocol \d+", " ".join(str(item.message) for item in told))
+        protocol = re.search(
+            r"pickle protocol \d+", " ".join(str(item.message) for item in messages)
+        )
         if protocol:  # 3 is loaded all the same
             fault, fix = "could run code", "save it again with torch.save's own pickle_protocol"
             raise InputError(fault, place=path, found=protocol[0], fix=fix) from error
@@ -205,13 +207,13 @@ def _check_sums(path: Path, data: bytes) -> None:
         raise DamagedCheckpoint(f"{_DAMAGED}: CRC-32 of {name}", place=path)
 
 
-def _same_keys(own: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> None:
-    missing = [key for key in own if key not in found]
-    unexpected = [str(key) for key in found if key not in own]
+def _same_keys(current: Mapping[str, Tensor], loaded: Mapping[str, Tensor]) -> None:
+    missing = [key for key in current if key not in loaded]
+    unexpected = [str(key) for key in loaded if key not in current]
     if missing or unexpected:
         parts = [f"{len(missing)} missing ({_some(missing)})"] * bool(missing)
         parts += [f"{len(unexpected)} unexpected ({_some(unexpected)})"] * bool(unexpected)
-        wanted, its = f"{len(own)} entries", f"{len(found)}: {', '.join(parts)}"
+        wanted, its = f"{len(current)} entries", f"{len(loaded)}: {', '.join(parts)}"
         raise InputError("weights of another network", expected=wanted, found=its)
 
 
@@ -220,18 +222,20 @@ def _same_keys(own: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> None:
 _LAYOUTS = ((0, 1, 2, 3, 4), (4, 0, 1, 2, 3), (3, 0, 1, 2, 4))
 
 
-def _in_our_layout(own: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
-    """The entries with sparse convolutions in our layout.
+def _in_our_layout(
+    current: Mapping[str, Tensor], loaded: Mapping[str, Tensor]
+) -> Mapping[str, Tensor]:
+    """Turn the weights of sparse convolutions into our layout.
 
     All of a file have one layout, and only all of them together show which: that of one with as
     many inputs as outputs does not show in its shape.
     """
-    sparse = [key for key, value in own.items() if value.ndim == 5]
+    sparse = [key for key, value in current.items() if value.ndim == 5]
     for axes in _LAYOUTS:
-        moved = {key: found[key].permute(axes) for key in sparse if found[key].ndim == 5}
-        if all(moved[key].shape == own[key].shape for key in moved):
-            return {**found, **moved}
-    return found
+        moved = {key: loaded[key].permute(axes) for key in sparse if loaded[key].ndim == 5}
+        if all(moved[key].shape == current[key].shape for key in moved):
+            return {**loaded, **moved}
+    return loaded
 
 
 def _of_head(key: str) -> bool:
@@ -242,14 +246,14 @@ _FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 _INTEGERS = (torch.int32, torch.int64)
 
 
-def _is_plain(value: Tensor, own: Tensor) -> bool:
-    """Whether a tensor holds numbers that may take the place of `own`, rounded at most."""
-    allowed = _FLOATS if own.is_floating_point() else _INTEGERS
+def _is_plain(value: Tensor, current: Tensor) -> bool:
+    """Test if a tensor holds numbers that may take the place of `current`, rounded at most."""
+    allowed = _FLOATS if current.is_floating_point() else _INTEGERS
     return value.dtype in allowed and _kind(value) == str(value.dtype)
 
 
 def _kind(value: Tensor) -> str:
-    """Its dtype, and what makes it no dense tensor."""
+    """Describe a tensor by its dtype, and what makes it no dense tensor."""
     if value.layout is not torch.strided:
         return f"{value.dtype}, {value.layout}"
     if value.is_meta:
@@ -260,6 +264,6 @@ def _kind(value: Tensor) -> str:
 
 
 def _some(parts: Sequence[str], most: int = 6) -> str:
-    """The first few, and how many more there are."""
+    """List the first few, and the number of others."""
     more = f" and {len(parts) - most} more" * (len(parts) > most)
     return ", ".join(parts[:most]) + more

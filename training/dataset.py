@@ -54,13 +54,13 @@ class TrainingFrames:
         self._lift = np.float32(sensor_height)
         self._rows = spread(len(clouds), share)
         self.numbers = clouds.frames[self._rows]
-        own = ground_truth[
+        objects = ground_truth[
             ground_truth["class"].isin(list(classes)) & ground_truth["frame"].isin(self.numbers)
         ].sort_values("frame", kind="stable")
-        frame = own["frame"].to_numpy(np.int64)
-        boxes = own[list(GEOMETRY)].to_numpy(np.float64)
-        labels = 1 + pd.Index(list(classes)).get_indexer(pd.Index(own["class"]))
-        self.all_objects = len(own)
+        frame = objects["frame"].to_numpy(np.int64)
+        boxes = objects[list(GEOMETRY)].to_numpy(np.float64)
+        labels = 1 + pd.Index(list(classes)).get_indexer(pd.Index(objects["class"]))
+        self.all_objects = len(objects)
         points = np.zeros(len(self), np.int64)
         self.objects: list[NDArray[np.int64]] = []
         self._boxes: list[NDArray[np.float32]] = []
@@ -70,10 +70,10 @@ class TrainingFrames:
             cloud = clouds[self._rows[index]]
             points[index] = len(cloud)
             seen = count_points(cloud, boxes[low:high]) >= min_points
-            kept = boxes[low:high][seen]
-            kept[:, 2] -= sensor_height
+            seen_boxes = boxes[low:high][seen]
+            seen_boxes[:, 2] -= sensor_height
             self.objects.append(low + np.flatnonzero(seen))
-            self._boxes.append(kept.astype(np.float32))
+            self._boxes.append(seen_boxes.astype(np.float32))
             self._labels.append(labels[low:high][seen].astype(np.int64))
         self._by_size = np.argsort(-points, kind="stable")
 
@@ -81,18 +81,18 @@ class TrainingFrames:
         return len(self._rows)
 
     def __getitem__(self, index: int) -> Sample:
-        """The `index`-th frame; its arrays are the caller's own."""
+        """Unpack the `index`-th frame; the caller may change its arrays."""
         points = self._clouds[self._rows[index]]
         points[:, 2] -= self._lift
         return Sample(points, self._boxes[index].copy(), self._labels[index].copy())
 
     def largest(self, count: int) -> list[Sample]:
-        """The frames with most points, from the first again where there are fewer than `count`."""
+        """Unpack the `count` frames with most points; fewer frames start again from the first."""
         return [self[index] for index in np.resize(self._by_size, count).tolist()]
 
 
 def spread(frames: int, share: float) -> NDArray[np.int64]:
-    """Rows of `share` of `frames` frames, at least one, at even distances from the first on."""
+    """Choose `share` of `frames` rows, at least one, at even distances from the first on."""
     chosen = min(frames, max(1, round(share * frames)))
     return np.arange(chosen) * frames // max(1, chosen)
 
@@ -100,17 +100,17 @@ def spread(frames: int, share: float) -> NDArray[np.int64]:
 def occurring_classes(
     classes: Sequence[str], clouds: Clouds, ground_truth: pd.DataFrame, share: float = 1.0
 ) -> tuple[str, ...]:
-    """Those of `classes` that have an object in the frames that are trained on; all if none has.
+    """Select the classes that have an object in the frames that are trained on; all if none has.
 
     A detector needs neither anchors nor heads for the others: it could not learn them.
     """
     numbers = clouds.frames[spread(len(clouds), share)]
-    there = set(ground_truth.loc[ground_truth["frame"].isin(numbers), "class"])
-    return tuple(name for name in classes if name in there) or tuple(classes)
+    occurring = set(ground_truth.loc[ground_truth["frame"].isin(numbers), "class"])
+    return tuple(name for name in classes if name in occurring) or tuple(classes)
 
 
 def as_tensors(samples: Sequence[Sample]) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
-    """Points, boxes and labels of a batch, as `Detector.loss` takes them."""
+    """Convert samples to points, boxes and labels of a batch, as `Detector.loss` takes them."""
     points, boxes, labels = (
         [torch.from_numpy(getattr(item, name)) for item in samples]
         for name in ("points", "boxes", "labels")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
-from lidarplace.clouds.clouds import Frames
+from lidarplace.clouds.clouds import CloudFrames
 from lidarplace.logs.boxes import GEOMETRY
 from training.detectors.build import build
 from training.detectors.contract import as_arrays, check_boxes_of, guarded, is_built_in
@@ -26,7 +26,7 @@ _BATCH = 4
 
 @dataclass(frozen=True)
 class Detections:
-    """What a detector found; ego frame, metres and radians."""
+    """Boxes that a detector found; ego frame, metres and radians."""
 
     boxes: pd.DataFrame  # frame, class, x, y, z, length, width, height, yaw, score
     # The same, but for class and score, of all boxes of the second stage before any is dropped
@@ -37,12 +37,12 @@ def detect(
     detector: str,
     classes: Sequence[str],
     state_dict: Mapping[str, Tensor],
-    clouds: Frames,
+    clouds: CloudFrames,
     settings: TrainingSettings,
     point_range: PointRange | None = None,
     typical: Sequence[TypicalObject] = (),
 ) -> Detections:
-    """Detections in all frames of `clouds`.
+    """Detect objects in all frames of `clouds`.
 
     Takes what `finetune` took and returned; `classes` are those of the network.
     """
@@ -58,29 +58,30 @@ def detect(
     selection = replace(preset, score=score, nms=threshold)
     size = settings.batch_size if isinstance(settings.batch_size, int) else _BATCH
     lift = np.array([0, 0, model.sensor_height, 0], np.float32)
-    found: list[dict[str, NDArray[np.generic]]] = []
+    frames: list[dict[str, NDArray[np.generic]]] = []
     for first in range(0, len(clouds), size):
         batch = range(first, min(first + size, len(clouds)))
         points = [torch.from_numpy(clouds[i] - lift) for i in batch]
         autocast = torch.autocast(model.device.type, half, enabled=half is not None)
         with torch.no_grad(), autocast, guarded(model):
             predictions = model.predict(points, selection)
-        found += as_arrays(model, predictions, [clouds.frames[i] for i in batch])
+        frames += as_arrays(model, predictions, [clouds.frames[i] for i in batch])
 
     def table(name: str) -> pd.DataFrame:
-        """The boxes `name` of all frames."""
-        boxes = np.concatenate([np.zeros((0, 7)), *(item[name] for item in found)])
+        """Table of the boxes `name` of all frames."""
+        boxes = np.concatenate([np.zeros((0, 7)), *(item[name] for item in frames)])
         boxes[:, 2] += model.sensor_height
-        counts = [len(item[name]) for item in found]
-        frames = pd.DataFrame({"frame": np.repeat(np.asarray(clouds.frames, np.int64), counts)})
-        return pd.concat([frames, pd.DataFrame(boxes, columns=list(GEOMETRY))], axis=1)
+        rows = pd.DataFrame(boxes, columns=list(GEOMETRY))
+        numbers = np.asarray(clouds.frames, np.int64)
+        rows.insert(0, "frame", np.repeat(numbers, [len(item[name]) for item in frames]))
+        return rows
 
     boxes = table("boxes")
     check_boxes_of(model, boxes)
-    labels = np.concatenate([np.zeros(0, np.int64), *(item["labels"] for item in found)])
+    labels = np.concatenate([np.zeros(0, np.int64), *(item["labels"] for item in frames)])
     boxes.insert(1, "class", np.array(list(classes), dtype=object)[labels - 1])
-    boxes["score"] = np.concatenate([np.zeros(0), *(item["scores"] for item in found)])
-    two_stages = bool(found) and "refined" in found[0]
+    boxes["score"] = np.concatenate([np.zeros(0), *(item["scores"] for item in frames)])
+    two_stages = bool(frames) and "refined" in frames[0]
     return Detections(boxes, table("refined") if two_stages else None)
 
 

@@ -1,4 +1,4 @@
-"""Where networks run, and with which floats."""
+"""Device and floats with which networks run."""
 
 import functools
 import logging
@@ -34,19 +34,19 @@ def settle_vector_math() -> None:
 
 
 def device() -> torch.device:
-    """The first GPU if there is one, else the CPU."""
+    """Return the first GPU if there is one, else the CPU."""
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 def cpu_has_bfloat16() -> bool:
-    """Whether the processor multiplies bfloat16; others emulate it, slower than 32-bit floats."""
+    """Test if the processor multiplies bfloat16; others emulate it, slower than 32-bit floats."""
     return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())
 
 
 def half_type(
     place: torch.device, wanted: bool | str, predicting: bool = False
 ) -> torch.dtype | None:
-    """The 16-bit floats of networks on a device; None: 32-bit floats.
+    """Choose the 16-bit floats of networks on a device; None: 32-bit floats.
 
     bfloat16 where the hardware has it; on an older GPU float16, on an older CPU none, which is
     logged. `wanted`: `mixed_precision` of the settings.

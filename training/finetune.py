@@ -31,7 +31,7 @@ from training.typical_objects import TypicalObject, as_plain, from_plain, typica
 
 @dataclass(frozen=True)
 class FinetuneResult:
-    """What a training leaves."""
+    """Weights and learning curve of a training."""
 
     state_dict: dict[str, Tensor]  # weights and buffers after the last epoch, CPU tensors
     # Columns epoch (from 1), metric, value. Metrics: the mean of every part of the loss over the
@@ -46,12 +46,24 @@ class FinetuneResult:
 
 
 @dataclass(frozen=True)
-class StartingWeights:
-    """What a training starts from, where the settings name no checkpoint: at random by default."""
+class TrainingContext:
+    """Circumstances of a training that are not its settings."""
 
+    point_range: PointRange | None = None  # for `training.build_detector`, ego frame
+    # Objects of which anchors are, of classes that the preset does not know, or that shall have
+    # others. Those of a checkpoint come before those of the ground truth
+    typical: Sequence[TypicalObject] = ()
     digest: str | None = None  # SHA-256 that the checkpoint of the settings must have; None: any
-    # Weights of a detector of the same network and classes, trained on the clouds of many rigs
+    # Weights to start from, of a detector of the same network and classes, trained on the clouds of
+    # many rigs; None: those of the settings' checkpoint, without one at random
     generalist: Mapping[str, Tensor] | None = None
+    # Keeps the training after each epoch, see `TrainingFolder`; one that was stopped goes on from
+    # there and gives what it would have given
+    folder: Path | None = None
+    # How often the frames of a step are halved, to at least 1, as memory was too small. A training
+    # that was stopped goes on with the frames that it had, unless these are more
+    halvings: int = 0
+    on_step: Callable[[float], None] = lambda epochs: None  # gets the epochs done, such as 2.35
 
 
 def finetune(
@@ -61,12 +73,7 @@ def finetune(
     ground_truth: pd.DataFrame,
     settings: TrainingSettings,
     seed: int,
-    point_range: PointRange | None = None,
-    on_step: Callable[[float], None] = lambda epochs: None,
-    folder: Path | None = None,
-    start: StartingWeights = StartingWeights(),
-    halvings: int = 0,
-    typical: Sequence[TypicalObject] = (),
+    context: TrainingContext = TrainingContext(),
 ) -> FinetuneResult:
     """Train `detector` on the frames of `clouds`, on a GPU if there is one.
 
@@ -78,15 +85,7 @@ def finetune(
         settings: how to train, and from which weights.
         seed: of the weights, the order of frames, the augmentation and what the network draws.
             The same seed gives the same result on a CPU; the caller's random state is left alone.
-        point_range: range for `training.build_detector`, ego frame.
-        on_step: called after each step with the epochs that are done, such as 2.35.
-        folder: keeps the training after each epoch, see `TrainingFolder`; one that was stopped
-            goes on from there and gives what it would have given.
-        start: weights to start from, if they are not at random.
-        halvings: how often the frames of a step are halved, to at least 1, as memory was too small.
-            A training that was stopped goes on with the frames that it had, unless these are more.
-        typical: objects of which anchors are, of classes that the preset does not know, or that
-            shall have others. Those of a checkpoint come before those of `ground_truth`.
+        context: range, anchors, weights to start from, and where the training is kept.
 
     Raises:
         ValueError: no frames, unknown detector or class, bad ground truth, a checkpoint that does
@@ -96,57 +95,61 @@ def finetune(
     """
     if len(clouds) == 0:
         raise InputError(key="clouds", expected="at least one frame", found="none")
-    typical = _typical(classes, ground_truth, settings, typical)
+    typical = _typical(classes, ground_truth, settings, context.typical)
     with torch.random.fork_rng(range(torch.cuda.device_count())):
         torch.manual_seed(seed)
-        model = build(detector, classes, point_range=point_range, typical=typical)
-        weights = _load_weights(model, settings, start)
+        model = build(detector, classes, point_range=context.point_range, typical=typical)
+        weights = _load_weights(model, settings, context)
         model.to(device())
-        height, least = model.sensor_height, settings.min_points
-        share = settings.frame_share
-        frames = TrainingFrames(classes, clouds, ground_truth, height, least, share)
+        about = {"detector": detector, "classes": list(classes), "seed": seed, "weights": weights}
+        identity = _identity(model, settings) | about
+        folder = TrainingFolder(context.folder, fingerprint(identity, clouds, ground_truth))
+        least, share = settings.min_points, settings.frame_share
+        frames = TrainingFrames(classes, clouds, ground_truth, model.sensor_height, least, share)
         database = ObjectDatabase.of(frames, classes, settings.sample_groups, least)
         augmentation = Augmentation(settings, model.point_range, database)
-        own = {"detector": detector, "classes": list(classes), "seed": seed, "weights": weights}
-        identity = settings.model_dump(mode="json") | own | {"point_range": model.point_range}
-        if model.typical:
-            identity["typical"] = as_plain(model.typical)
-        kept = TrainingFolder(folder, fingerprint(identity, clouds, ground_truth))
-        state, batch_size, reduced = _start(kept.load(), halvings, model, frames, settings)
-        steps = settings.epochs * -(-len(frames) // batch_size)
-        optimisation = Optimisation(model, settings, steps)
+        state, batch_size, reduced = _start(
+            folder.load(), context.halvings, model, frames, settings
+        )
+        optimisation = Optimisation(
+            model, settings, settings.epochs * -(-len(frames) // batch_size)
+        )
         if state is not None:
             model.load_state_dict(state.model)
             optimisation.load_state_dict(state.optimisation)
         curve = state.curve if state else []
         earlier = sum(value for _, name, value in curve if name == "seconds")
+        parts = (model, optimisation, frames, augmentation, batch_size)
         for epoch in range(state.epoch + 1 if state else 1, settings.epochs + 1):
-            values = _train_epoch(
-                model, optimisation, frames, augmentation, batch_size, (seed, epoch), on_step
-            )
+            values = _train_epoch(*parts, (seed, epoch), context.on_step)
             curve.extend((epoch, name, value) for name, value in values.items())
-            now = model.state_dict(), optimisation.state_dict()
-            kept.save(TrainingState(epoch, batch_size, reduced, *now, curve))
-    state_dict = {name: own.detach().cpu().clone() for name, own in model.state_dict().items()}
+            states = model.state_dict(), optimisation.state_dict()
+            folder.save(TrainingState(epoch, batch_size, reduced, *states, curve))
+    state_dict = {name: value.detach().cpu().clone() for name, value in model.state_dict().items()}
     table = pd.DataFrame(curve, columns=["epoch", "metric", "value"])
-    about = (batch_size, reduced, weights, earlier, model.typical)
-    return FinetuneResult(state_dict, table, *about)
+    return FinetuneResult(state_dict, table, batch_size, reduced, weights, earlier, model.typical)
+
+
+def _identity(model: Detector, settings: TrainingSettings) -> dict[str, object]:
+    """Settings, range and anchors of a training, of which its folder keeps a fingerprint."""
+    identity = settings.model_dump(mode="json") | {"point_range": model.point_range}
+    return identity | ({"typical": as_plain(model.typical)} if model.typical else {})
 
 
 def _typical(
     classes: Sequence[str],
     ground_truth: pd.DataFrame,
     settings: TrainingSettings,
-    given: Sequence[TypicalObject],
+    typical: Sequence[TypicalObject],
 ) -> tuple[TypicalObject, ...]:
-    """Those given, and of classes that nothing knows those of the checkpoint or of the objects."""
-    known = {item.name: item for item in given}
+    """Add objects of the checkpoint, and for other unknown classes of the ground truth."""
+    by_name = {item.name: item for item in typical}
     if settings.checkpoint is not None:
-        kept = from_plain(read_checkpoint(settings.checkpoint)[0])
-        known = {item.name: item for item in kept if item.name in classes} | known
+        of_checkpoint = from_plain(read_checkpoint(settings.checkpoint)[0])
+        by_name = {item.name: item for item in of_checkpoint if item.name in classes} | by_name
     check_boxes(ground_truth, "ground truth")
-    unknown = [name for name in classes if name not in CLASSES and name not in known]
-    return (*known.values(), *typical_objects(ground_truth, unknown))
+    unknown = [name for name in classes if name not in CLASSES and name not in by_name]
+    return (*by_name.values(), *typical_objects(ground_truth, unknown))
 
 
 def _start(
@@ -156,7 +159,7 @@ def _start(
     frames: TrainingFrames,
     settings: TrainingSettings,
 ) -> tuple[TrainingState | None, int, bool]:
-    """Where to go on, the frames of a step, and whether these are fewer than there should be."""
+    """State to go on from, frames of a step, and whether these are fewer than there should be."""
     if state is not None and not halvings:  # what was found before a stop stays
         return state, state.batch_size, state.batch_size_reduced
     wanted = batch_size_for(model, frames, settings)
@@ -175,7 +178,10 @@ def _train_epoch(
     seed: tuple[int, int],
     on_step: Callable[[float], None],
 ) -> dict[str, float]:
-    """One pass over all frames; its values. All randomness follows from `seed` and epoch."""
+    """Train on all frames once; return the values of the curve.
+
+    All randomness follows from `seed`, which is the training's and the epoch.
+    """
     start = time.perf_counter()
     model.train()
     parts: dict[str, list[Tensor]] = defaultdict(list)
@@ -202,15 +208,15 @@ def _train_epoch(
     return values | {"lr": optimisation.lr, "seconds": time.perf_counter() - start}
 
 
-def _load_weights(model: Detector, settings: TrainingSettings, start: StartingWeights) -> str:
-    """Load the weights that training starts from; what these are."""
-    if start.generalist is not None:
-        model.load_state_dict(start.generalist)
+def _load_weights(model: Detector, settings: TrainingSettings, context: TrainingContext) -> str:
+    """Load the weights that training starts from; return `FinetuneResult.weights`."""
+    if context.generalist is not None:
+        model.load_state_dict(context.generalist)
         return "generalist"
     if (path := settings.checkpoint) is None:
         return "scratch"
     report = load_checkpoint(model, path, settings.new_heads)
-    if start.digest not in (None, report.digest):
+    if context.digest not in (None, report.digest):
         raise InputError("has changed since the training was planned", place=path)
     origin = f"{path.name} sha256:{report.digest[:12]}"
     if report.reinitialised:

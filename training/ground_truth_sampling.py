@@ -44,10 +44,11 @@ class ObjectDatabase:
             sample = frames[index]
             owner = _owners(sample.points, sample.boxes)
             count = np.bincount(owner + 1, minlength=len(sample.boxes) + 1)[1:]
-            kept = np.isin(sample.labels, list(wanted)) & (count >= max(1, min_points))
+            usable = np.isin(sample.labels, list(wanted)) & (count >= max(1, min_points))
             rows = np.argsort(owner, kind="stable")[np.count_nonzero(owner < 0) :]
-            points, numbers = sample.points[rows[kept[owner[rows]]]], frames.objects[index][kept]
-            parts.append((points, count[kept], sample.boxes[kept], sample.labels[kept], numbers))
+            points, boxes = sample.points[rows[usable[owner[rows]]]], sample.boxes[usable]
+            numbers = frames.objects[index][usable]
+            parts.append((points, count[usable], boxes, sample.labels[usable], numbers))
         points, counts, boxes, labels, numbers = map(np.concatenate, zip(*parts, strict=True))
         offsets = np.append(0, np.cumsum(counts))
         return cls(points, offsets, boxes, labels, numbers, frames.all_objects, wanted)
@@ -65,13 +66,13 @@ class ObjectDatabase:
         boxes, drawn = sample.boxes, []
         rank = random.random(self.all_objects)[self.numbers]
         for label, wanted in self.wanted.items():
-            known = np.flatnonzero(self.labels == label)
+            of_class = np.flatnonzero(self.labels == label)
             lacking = wanted - int(np.count_nonzero(sample.labels == label))
-            if lacking <= 0 or not len(known):
+            if lacking <= 0 or not len(of_class):
                 continue
-            if lacking < len(known):  # sorting all of them would cost more than all else here
-                known = known[np.argpartition(rank[known], lacking)[:lacking]]
-            chosen = known[np.argsort(rank[known])]
+            if lacking < len(of_class):  # sorting all of them would cost more than all else
+                of_class = of_class[np.argpartition(rank[of_class], lacking)[:lacking]]
+            chosen = of_class[np.argsort(rank[of_class])]
             others = np.concatenate([self.boxes[chosen], boxes])
             overlapping = iou_bev(self.boxes[chosen], others) > 0
             np.fill_diagonal(overlapping, False)
@@ -82,12 +83,9 @@ class ObjectDatabase:
         if not len(objects):
             return sample
         free = np.flatnonzero(_owners(sample.points, self.boxes[objects]) < 0)
-        own = [self.points[self.offsets[k] : self.offsets[k + 1]] for k in objects.tolist()]
-        return Sample(
-            np.concatenate([*own, sample.points.take(free, axis=0)]),
-            boxes,
-            np.concatenate([sample.labels, self.labels[objects]]),
-        )
+        pasted = [self.points[self.offsets[k] : self.offsets[k + 1]] for k in objects.tolist()]
+        points = np.concatenate([*pasted, sample.points.take(free, axis=0)])
+        return Sample(points, boxes, np.concatenate([sample.labels, self.labels[objects]]))
 
 
 def _owners(points: NDArray[np.float32], boxes: NDArray[np.float32]) -> NDArray[np.int64]:

@@ -20,6 +20,7 @@ from training import kitti_labels, leave_out
 from training.average_precision import (
     COUNTS,
     FramePairs,
+    PrecisionCurve,
     Roles,
     ap_r11,
     ap_r40,
@@ -129,10 +130,9 @@ def evaluation(
     overlaps = overlaps_of(truths, detected, pairs, three_d=True)
     best = largest = _largest(overlaps, pairs, len(truths))
     if refined is not None:
-        refined = rows_of(refined, wanted)
-        refined_pairs = pairs_of(truths, refined, wanted)
-        refined_overlaps = overlaps_of(truths, refined, refined_pairs, three_d=True)
-        best = _largest(refined_overlaps, refined_pairs, len(truths))
+        boxes = rows_of(refined, wanted)
+        refined_pairs = pairs_of(truths, boxes, wanted)
+        best = _largest(overlaps_of(truths, boxes, refined_pairs, True), refined_pairs, len(truths))
     hit = np.zeros(len(truths), np.bool_)
     rows: list[_Row] = []
     curves: list[pd.DataFrame] = []
@@ -140,17 +140,18 @@ def evaluation(
     for name in classes:
         of_truth, of_detection = (t["class"].to_numpy() == name for t in (truths, detected))
         of_pair = of_truth[pairs.ground_truth] & of_detection[pairs.detection]
-        boxes = truths[of_truth], detected[of_detection]
-        class_pairs = pairs_of(*boxes, wanted)
-        from_above = overlaps_of(*boxes, class_pairs, three_d=False)
-        views = {"3D": overlaps[of_pair], "BEV": from_above}
-        of_class = _ClassBoxes(name, *boxes, class_pairs, views, best[of_truth], iou_of(name, ious))
+        of_both = truths[of_truth], detected[of_detection]
+        class_pairs = pairs_of(*of_both, wanted)
+        views = {"3D": overlaps[of_pair], "BEV": overlaps_of(*of_both, class_pairs, False)}
+        of_class = _ClassBoxes(
+            name, *of_both, class_pairs, views, best[of_truth], iou_of(name, ious)
+        )
         hit[of_truth] = of_class.matches["3D", of_class.ious.strict].found
         rows += of_class.rows(metrics)
         curves += of_class.curve_tables()
         left_out += of_class.without_each(routes) if routes is not None else ()
     of_all = _means(best, largest)
-    rows += [("all", name, iou, "all", _percent(own), len(truths)) for name, iou, own in of_all]
+    rows += [("all", name, iou, "all", _percent(mean), len(truths)) for name, iou, mean in of_all]
     if routes is not None and len(truths):
         no_detection = np.zeros(0, np.int64)
         units = leave_out.units_of(truths, no_detection, no_detection, routes)
@@ -299,6 +300,18 @@ def _percent(values: NDArray[np.float64] | NDArray[np.bool_]) -> float:
     return float(100 * values.mean()) if len(values) else float("nan")
 
 
+def _official_values(view: str, curve: PrecisionCurve, oriented: bool) -> dict[str, float]:
+    values = {
+        f"AP_R40_{view}": float(ap_r40(curve.precision)),
+        f"AP_R11_{view}": ap_r11(curve.precision),
+        f"class_recall_{view}": 100 * curve.recall,
+    }
+    if oriented:
+        values["AOS_R40"] = float(ap_r40(curve.similarity))
+        values["AOS_R11"] = ap_r11(curve.similarity)
+    return values
+
+
 def evaluate_detections(
     ground_truth: pd.DataFrame,
     detections: pd.DataFrame,
@@ -344,6 +357,7 @@ def evaluate_detections(
     best = _largest(overlaps["3D"], pairs, len(truths))
     covered = kitti_labels.covered_by_dont_care(truths, detected, pairs)
     similarity = kitti_labels.orientation_similarity(truths, detected, pairs)
+    known_alpha = bool((detected["alpha"] != kitti_labels.UNKNOWN_ALPHA).all())
     rows: list[_Row] = []
     for name, minimum in iou.items():
         for level, difficulty in enumerate(kitti_labels.DIFFICULTIES):
@@ -354,12 +368,7 @@ def evaluate_detections(
                 harmless = covered > (minimum if view == "image" else np.inf)
                 roles = Roles(truth_role, detection_role, harmless)
                 curve = precision_curve(pairs, overlap, scores, minimum, roles, similarity)
-                values[f"AP_R40_{view}"] = float(ap_r40(curve.precision))
-                values[f"AP_R11_{view}"] = ap_r11(curve.precision)
-                values[f"class_recall_{view}"] = 100 * curve.recall
-            if (detected["alpha"].to_numpy(np.float64) != kitti_labels.UNKNOWN_ALPHA).all():
-                values["AOS_R40"] = float(ap_r40(curve.similarity))  # of the image, the last view
-                values["AOS_R11"] = ap_r11(curve.similarity)
+                values |= _official_values(view, curve, view == "image" and known_alpha)
             count = int((truth_role == COUNTS).sum())
             rows += [
                 (name, key, minimum, difficulty, value, count) for key, value in values.items()

@@ -91,7 +91,7 @@ class Optimisation:
         return {name: value.detach() for name, value in losses.items()}
 
     def state_dict(self) -> dict[str, Any]:
-        """What the next steps depend on, besides the model."""
+        """State on which the next steps depend, besides the model."""
         return {
             "steps": self.steps,
             "optimizer": self._optimizer.state_dict(),

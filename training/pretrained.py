@@ -31,7 +31,7 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True)
 class Domain:
-    """What the rigs of a training had, each from the smallest to the largest value."""
+    """Ranges of the rigs of a training, each from the smallest to the largest value."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
@@ -47,29 +47,30 @@ class Domain:
     classes: tuple[str, ...]
 
     def outside(self, placement: Placement, crop: Crop, classes: Sequence[str]) -> str | None:
-        """The first difference, such as "9 LiDARs; expected 1 to 8"; None if there is none.
+        """Describe the first difference, such as "9 LiDARs; expected 1 to 8"; None: no difference.
 
         Of a rig, whose LiDARs have as many azimuth steps as their clouds are simulated with, the
         lowest and the highest corner of its ROI, ego frame, metres, and the classes that count.
         """
-        own = domain_of([placement], crop, classes)
-        for name in own.classes:
+        rig = domain_of([placement], crop, classes)
+        for name in rig.classes:
             if name not in self.classes:
                 return f"class {name}; expected {', '.join(self.classes)}"
-        if own.patterns and not self.patterns:
+        if rig.patterns and not self.patterns:
             return "a LiDAR whose pattern does not repeat; expected beams that turn"
         for name, words in _WORDS.items():
-            found, known = getattr(own, name), getattr(self, name)
-            for value in found or ():
-                near = _NEAR.get(name, 0.0)
-                if known is None or not known[0] - near <= value <= known[1] + near:
-                    expected = "none" if known is None else f"{known[0]:,.6g} to {known[1]:,.6g}"
-                    return f"{words.format(f'{value:,.6g}')}; expected {expected}"
+            trained, slack = getattr(self, name), _SLACK.get(name, 0.0)
+            for value in getattr(rig, name) or ():
+                if trained is None or not trained[0] - slack <= value <= trained[1] + slack:
+                    limits = (
+                        "none" if trained is None else f"{trained[0]:,.6g} to {trained[1]:,.6g}"
+                    )
+                    return f"{words.format(f'{value:,.6g}')}; expected {limits}"
         return None
 
 
-_NEAR = {"height": 0.1, "elevation": 1.0, "rays": 500.0}
-"""How far beyond the extremes of rigs drawn at random is still inside."""
+_SLACK = {"height": 0.1, "elevation": 1.0, "rays": 500.0}
+"""Distance from the extremes of rigs drawn at random that is still inside."""
 _WORDS = {
     "lidars": "{} LiDARs",
     "rays": "{} rays a frame",
@@ -84,16 +85,16 @@ _DOMAIN = TypeAdapter(Domain)
 
 
 def domain_of(placements: Iterable[Placement], crop: Crop, classes: Sequence[str]) -> Domain:
-    """What a training on these rigs covers; arguments as of `Domain.outside`."""
+    """Compute the domain of a training on these rigs; arguments as of `Domain.outside`."""
     rigs = list(placements)
-    lidars = list(dict.fromkeys(own for rig in rigs for own in rig.lidars))
-    turning = [own for own in lidars if own.pattern is None]
+    lidars = list(dict.fromkeys(lidar for rig in rigs for lidar in rig.lidars))
+    turning = [lidar for lidar in lidars if lidar.pattern is None]
     return Domain(
         lidars=_interval(len(rig.mounts) for rig in rigs),
-        rays=_interval(sum(own.rays for own in rig.lidars) for rig in rigs),
+        rays=_interval(sum(lidar.rays for lidar in rig.lidars) for rig in rigs),
         height=_interval(mount.z for rig in rigs for mount in rig.mounts),
-        beams=_interval(len(own.elevations) for own in turning) if turning else None,
-        elevation=_interval(math.degrees(angle) for own in lidars for angle in own.elevations),
+        beams=_interval(len(lidar.elevations) for lidar in turning) if turning else None,
+        elevation=_interval(math.degrees(angle) for lidar in lidars for angle in lidar.elevations),
         x=(crop[0], crop[3]),
         y=(crop[1], crop[4]),
         z=(crop[2], crop[5]),
@@ -103,13 +104,13 @@ def domain_of(placements: Iterable[Placement], crop: Crop, classes: Sequence[str
 
 
 def _interval(values: Iterable[float]) -> Interval:
-    known = [float(value) for value in values]
-    return min(known), max(known)
+    numbers = [float(value) for value in values]
+    return min(numbers), max(numbers)
 
 
 @dataclass(frozen=True, eq=False)
 class Generalist:
-    """A detector of a file."""
+    """Detector that was read from a file."""
 
     detector: str  # its name for `build_detector`
     classes: tuple[str, ...]  # the labels 1, 2, …
@@ -136,7 +137,7 @@ def read_generalist(path: Path = PRETRAINED) -> Generalist:
         raise InputError(fault, place=path, fix=f"write it with {fix}") from error
 
 
-def judge(
+def evaluate_rig(
     placement: Placement,
     log: BoxLog | Path | str,
     roi: Roi,
@@ -148,13 +149,15 @@ def judge(
     seed: int = 0,
     weights: Path | str = PRETRAINED,
 ) -> pd.DataFrame:
-    """AP and recall of a rig by a generalist, without a training; seconds a rig.
+    """Compute AP and recall of a rig by a generalist, without a training, in seconds.
 
     Clouds are simulated with the azimuth steps that the LiDARs have, and forgotten.
 
     Args:
+        placement: the rig.
         log: what is around the vehicle, or its folder.
         roi: where objects count, ego frame, metres.
+        classes: classes to detect.
         split: of the frames, "train" or "test"; "": all of them.
         errors: of mounts in the clouds.
         vehicle: that carries the rig; None: a sedan.
@@ -167,9 +170,9 @@ def judge(
     they should be, no frame is of the split, or rig, ROI or a class are outside of what the
     generalist was trained on.
     """
-    found = read_generalist(Path(weights))
+    generalist = read_generalist(Path(weights))
     crop = crop_for(roi.x, roi.y, roi.z, placement)
-    outside = found.domain.outside(placement, crop, classes)
+    outside = generalist.domain.outside(placement, crop, classes)
     if outside is not None:
         place = f"placement {placement.name}"
         raise InputError(f"outside of what {weights} was trained on: {outside}", place=place)
@@ -181,7 +184,7 @@ def judge(
     clouds = SimulatedClouds(
         log, numbers, placement, crop=crop, seed=seed, errors=errors, vehicle=vehicle
     )
-    network = (found.detector, found.classes, found.state_dict)
-    detections = detect(*network, clouds, TrainingSettings(), crop, found.typical)
+    network = (generalist.detector, generalist.classes, generalist.state_dict)
+    detections = detect(*network, clouds, TrainingSettings(), crop, generalist.typical)
     objects = ground_truth(log, roi.x, roi.y, roi.z, seed=seed)
     return evaluation(objects, detections.boxes, numbers.tolist(), classes).metrics

@@ -6,7 +6,7 @@ import numpy as np
 
 
 class Purpose(IntEnum):
-    """What is drawn. Each purpose has a stream of its own; the numbers are part of results."""
+    """Purpose of a draw. Each has a stream of its own; the numbers are part of results."""
 
     ORDER = 0  # the order of the frames of an epoch
     NETWORK = 1  # what the network draws in a step: samples of points and of RoIs

@@ -47,7 +47,7 @@ class TrainingFolder:
     fingerprint: str  # of the training, see `fingerprint`
 
     def load(self) -> TrainingState | None:
-        """Where the training was, None if it has not begun, or if what was kept is damaged.
+        """Read the state of the training; None if it has not begun, or the file is damaged.
 
         Raises ValueError if it is of another training.
         """
@@ -55,7 +55,7 @@ class TrainingFolder:
             return None
         try:
             content, _ = read_checkpoint(path)
-            found = content.pop("fingerprint")
+            file_fingerprint = content.pop("fingerprint")
             state = TrainingState(**content)
         except DamagedCheckpoint as error:
             logging.getLogger(__name__).warning("%s; the training starts again", error)
@@ -63,7 +63,7 @@ class TrainingFolder:
         except (ValueError, KeyError, TypeError) as error:
             fault, fix = f"not a checkpoint of a training: {error}", "remove it to start again"
             raise InputError(fault, place=path, fix=fix) from error
-        if found != self.fingerprint:
+        if file_fingerprint != self.fingerprint:
             fault, fix = "other settings, seed or data", "remove it, or use another folder"
             raise InputError(f"of a training with {fault}", place=path, fix=fix)
         return state

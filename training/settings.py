@@ -1,4 +1,4 @@
-"""How a detector is trained and how its boxes are selected."""
+"""Settings of the training of a detector, and of the selection of its boxes."""
 
 import math
 from pathlib import Path
@@ -21,7 +21,7 @@ from lidarplace.configuration.settings import (
 Moment = Annotated[Probability, Field(lt=1)]
 
 PRETRAINED = Path("pretrained")
-"""What stands for the generalist of the package, wherever a checkpoint is named."""
+"""Name of the packaged generalist, wherever a checkpoint is named."""
 
 LARGEST_BATCH = 16  # frames of a step that `batch_size: auto` comes to at most
 

@@ -33,7 +33,7 @@ _TYPICAL = TypeAdapter(tuple[TypicalObject, ...])
 
 
 def typical_objects(boxes: pd.DataFrame, classes: Iterable[str]) -> tuple[TypicalObject, ...]:
-    """The typical object of each of `classes`, to the millimetre.
+    """Compute the typical object of each of `classes`, to the millimetre.
 
     Sizes are means, as of SECOND's anchors (Yan et al. 2018), over individuals, of which each
     counts once; the height above the ground is the median over boxes. These have class, z, length,
@@ -42,31 +42,31 @@ def typical_objects(boxes: pd.DataFrame, classes: Iterable[str]) -> tuple[Typica
 
     Raises ValueError if there is no box of a class, or its boxes have no size.
     """
-    found = []
+    objects = []
     keys = [name for name in ("scene", "object_id") if name in boxes.columns]
     for name in classes:
-        own = boxes[boxes["class"] == name]
-        if own.empty:
-            there = counts_of(boxes["class"])
-            fault = f"no box of class {name!r}{did_you_mean(name, there)}, so its size is unknown"
-            raise InputError(fault, found=listed(there))
-        sizes = own[list(SIZE)]
+        of_class = boxes[boxes["class"] == name]
+        if of_class.empty:
+            counts = counts_of(boxes["class"])
+            fault = f"no box of class {name!r}{did_you_mean(name, counts)}, so its size is unknown"
+            raise InputError(fault, found=listed(counts))
+        sizes = of_class[list(SIZE)]
         if "object_id" in keys:
-            sizes = sizes.groupby([own[key] for key in keys], observed=True).mean()
+            sizes = sizes.groupby([of_class[key] for key in keys], observed=True).mean()
         length, width, height = size = tuple(round(float(side), 3) for side in sizes.mean())
         if min(size) <= 0:
             raise InputError("no size for anchors", place=f"boxes of class {name!r}", found=size)
-        bottom = float((own["z"] - own["height"] / 2).median())
-        found.append(TypicalObject(name, (length, width, height), round(bottom, 3) + 0.0))
-    return tuple(found)
+        bottom = float((of_class["z"] - of_class["height"] / 2).median())
+        objects.append(TypicalObject(name, (length, width, height), round(bottom, 3) + 0.0))
+    return tuple(objects)
 
 
 def as_plain(typical: Sequence[TypicalObject]) -> list[dict[str, object]]:
-    """What a checkpoint keeps of them."""
-    found: list[dict[str, object]] = _TYPICAL.dump_python(tuple(typical), mode="json")
-    return found
+    """Convert typical objects to the plain values of a checkpoint."""
+    plain: list[dict[str, object]] = _TYPICAL.dump_python(tuple(typical), mode="json")
+    return plain
 
 
 def from_plain(content: Mapping[str, Any]) -> tuple[TypicalObject, ...]:
-    """Those that a checkpoint holds, if any; ValueError if they are not what `as_plain` makes."""
+    """Read the typical objects of a checkpoint, if any; ValueError unless `as_plain` made them."""
     return validated(tuple[TypicalObject, ...], content.get("typical", ()), "typical")

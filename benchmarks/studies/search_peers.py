@@ -28,7 +28,7 @@ from lidarplace.command_line.terminal import output
 from sweeps.execution.backends import InProcess
 from sweeps.search.greedy.certificate import Certificate, certify, first_params
 from sweeps.search.problem.assess import Traffic, assess
-from sweeps.search.problem.problem import Problem, read_problem
+from sweeps.search.problem.problem import SearchProblem, read_problem
 from sweeps.search.trials.samplers import Repeatable
 from sweeps.search.trials.traffic import training_traffic
 from sweeps.store.open import store_of
@@ -37,13 +37,13 @@ SAMPLERS = ("random", "qmc", "tpe", "gp", "cmaes", "nsga2", "nsga3")
 LIFTED = ["search.constraints={distance: 0.0}", "ray=debug"]
 
 
-def read(arguments: argparse.Namespace) -> Problem:
+def read(arguments: argparse.Namespace) -> SearchProblem:
     """The problem that all searchers get."""
     own = [f"output={arguments.output}", f"search.greedy.bound_seconds={arguments.bound_seconds}"]
     return read_problem(arguments.config, [*LIFTED, *own, *arguments.set])
 
 
-def objective(problem: Problem) -> Callable[[dict], float]:
+def objective(problem: SearchProblem) -> Callable[[dict], float]:
     """The value of parameters; NaN if two LiDARs are in one place."""
     store = store_of(problem.sweep())
     traffic = training_traffic(output(), problem, store, InProcess())
@@ -51,19 +51,21 @@ def objective(problem: Problem) -> Callable[[dict], float]:
 
     def value(params: dict) -> float:
         rig = problem.space.rig(problem.space.numbers[0], params)
-        found = assess(rig, problem.question, traffic)
+        found = assess(rig, problem.criteria, traffic)
         return float("nan") if found.values is None else next(iter(found.values.values()))
 
     return value
 
 
-def warm_up(problem: Problem, traffic: Traffic) -> None:
+def warm_up(problem: SearchProblem, traffic: Traffic) -> None:
     """Load the compiled code before the clock starts."""
     for rig in problem.paper_rigs().values():
-        assess(rig, problem.question, traffic)
+        assess(rig, problem.criteria, traffic)
 
 
-def by_sampler(problem: Problem, name: str, seed: int, trials: int, first: dict | None) -> list:
+def by_sampler(
+    problem: SearchProblem, name: str, seed: int, trials: int, first: dict | None
+) -> list:
     """Best value so far and seconds after every evaluation, by a sampler of Optuna."""
     value = objective(problem)
     optuna.logging.set_verbosity(optuna.logging.ERROR)
@@ -81,7 +83,7 @@ def by_sampler(problem: Problem, name: str, seed: int, trials: int, first: dict 
     return rows
 
 
-def by_cmaes(problem: Problem, seed: int, trials: int) -> list:
+def by_cmaes(problem: SearchProblem, seed: int, trials: int) -> list:
     """The same by the library `cmaes`, from the middle of the space, without Optuna."""
     from cmaes import CMA
 
@@ -135,7 +137,7 @@ def main() -> None:
     warm_up(problem, traffic)
     start = time.perf_counter()
     paper = {
-        name: next(iter((assess(rig, problem.question, traffic).values or {}).values()))
+        name: next(iter((assess(rig, problem.criteria, traffic).values or {}).values()))
         for name, rig in problem.paper_rigs().items()
     }
     paper_seconds = time.perf_counter() - start

@@ -1,4 +1,4 @@
-"""Names of object classes: which are possible, and what a log has where one is mistyped."""
+"""Names of object classes: which are possible, and which a mistyped name may mean."""
 
 import re
 import reprlib
@@ -11,10 +11,10 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.suggestions import did_you_mean
 
 IGNORE = "ignore"
-"""What a class map says of a category whose boxes are left out."""
+"""Entry of a class map for a category whose boxes are left out."""
 
 ALL = "all"
-"""What tables call all classes together."""
+"""Name of all classes together in tables."""
 
 _NAME = re.compile(r"\w[\w.-]*")
 _LONGEST = 64
@@ -23,22 +23,24 @@ CLASS_NAME = f"at most {_LONGEST} letters, digits, _, - and ., other than {ALL} 
 
 
 def is_class_name(name: Any) -> bool:
-    """Whether a class can have that name.
+    """Return whether a class can have that name.
+
     Names are parts of those of files and columns, and words of a line of KITTI's labels."""
-    known = isinstance(name, str) and len(name) <= _LONGEST and name not in (ALL, IGNORE)
-    return known and _NAME.fullmatch(name) is not None
+    possible = isinstance(name, str) and len(name) <= _LONGEST and name not in (ALL, IGNORE)
+    return possible and _NAME.fullmatch(name) is not None
 
 
 def check_class_name(name: Any, **parts: str) -> None:
     """Raise InputError of these `parts`, unless a class can have that name."""
     if not is_class_name(name):
-        found = reprlib.repr(name) if isinstance(name, str) else str(name)[:_LONGEST]
-        raise InputError(expected=CLASS_NAME, found=found, **parts)
+        text = reprlib.repr(name) if isinstance(name, str) else str(name)[:_LONGEST]
+        raise InputError(expected=CLASS_NAME, found=text, **parts)
 
 
 def check_among(names: Iterable[str], classes: Iterable[str], **parts: str) -> None:
-    """Raise InputError of these `parts`, with what was probably meant, unless all `names` are among
-    `classes`: a name that none has would count for nothing."""
+    """Raise InputError of these `parts` unless all `names` are among `classes`.
+
+    The error suggests a similar class: a name that none has would count for nothing."""
     class_names = list(dict.fromkeys(classes))
     for name in names:
         if name not in class_names:
@@ -47,11 +49,11 @@ def check_among(names: Iterable[str], classes: Iterable[str], **parts: str) -> N
 
 
 def counts_of(classes: pd.Series) -> dict[str, int]:
-    """How many boxes there are of each class, most first."""
+    """Count the boxes of each class, most first."""
     return {str(name): int(count) for name, count in classes.value_counts().items() if count}
 
 
 def listed(counts: Mapping[str, int]) -> str:
-    """ "Car (1,204), Truck (36)" """
-    shown = [f"{name} ({count:,})" for name, count in list(counts.items())[:_SHOWN]]
-    return ", ".join(shown) + " …" * (len(counts) > _SHOWN) or "none"
+    """Format counts, such as "Car (1,204), Truck (36)"."""
+    texts = [f"{name} ({count:,})" for name, count in list(counts.items())[:_SHOWN]]
+    return ", ".join(texts) + " …" * (len(counts) > _SHOWN) or "none"

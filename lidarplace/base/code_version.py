@@ -25,11 +25,31 @@ _Import = tuple[str, str | None]
 _UNREAD = {"annotation", "returns", "ctx", "type_comment"}
 
 
-@cache
 def code_version(*modules: str) -> str:
-    """Hash the code that modules can run, by their dotted paths; see `Sources.version`."""
+    """Hash the code that modules can run, by their dotted paths; see `Sources.version`.
+
+    Packages are those that Python imports now: a plug-in of another folder has its own version."""
     packages = dict.fromkeys((*PACKAGES, *(module.partition(".")[0] for module in modules)))
-    return Sources({name: place_of(name) for name in packages}).version(*modules)
+    return _version(tuple((name, place_of(name)) for name in packages), modules)
+
+
+_Places = tuple[tuple[str, Path], ...]
+
+
+@cache
+def _version(places: _Places, modules: tuple[str, ...]) -> str:
+    return _sources(places).version(*modules)
+
+
+@cache
+def _sources(places: _Places) -> "Sources":
+    return Sources(dict(places))
+
+
+def forget_versions() -> None:
+    """Read sources anew, as they may have changed since this process started."""
+    _version.cache_clear()
+    _sources.cache_clear()
 
 
 def place_of(package: str) -> Path:
@@ -45,10 +65,14 @@ def place_of(package: str) -> Path:
 
 
 class Sources:
-    """The source files of packages: name -> folder, or the file of a module without one."""
+    """The source files of packages, each read once.
+
+    `packages`: name -> folder, or the file of a module without one.
+    """
 
     def __init__(self, packages: Mapping[str, Path]) -> None:
         self._packages = dict(packages)
+        self._file, self._source = cache(self._locate), cache(self._read)
 
     def version(self, *modules: str) -> str:
         """Hash `modules` and all that they import of the packages.
@@ -93,7 +117,7 @@ class Sources:
         files = self._packages[package].joinpath(*inner).glob("[!_]*.py")
         return [prefix + file.stem for file in sorted(files)]
 
-    def _file(self, module: str) -> Path | None:
+    def _locate(self, module: str) -> Path | None:
         package, *inner = module.split(".")
         if (place := self._packages.get(package)) is None:
             return None
@@ -102,7 +126,7 @@ class Sources:
         place = place.joinpath(*inner)
         return next(filter(Path.is_file, (place.with_suffix(".py"), place / "__init__.py")), None)
 
-    def _source(self, module: str) -> "_Source":
+    def _read(self, module: str) -> "_Source":
         file = self._file(module)
         assert file is not None
         package = module if file.name == "__init__.py" else module.rpartition(".")[0]

@@ -6,11 +6,10 @@ from pathlib import PurePath
 
 
 class InputError(ValueError):
-    """A mistake in what was given, one line: `PLACE: KEY: PROBLEM; expected X, found Y; FIX`.
+    """A mistake in the input, one line: `PLACE: KEY: PROBLEM; expected X, found Y; FIX`.
 
     `place` is a file, an option or a row, `key` a column, or a path in nested settings, `fix` what
-    to do. All are strings, empty where unknown.
-    """
+    to do. All are strings, empty where unknown."""
 
     def __init__(
         self,
@@ -26,23 +25,25 @@ class InputError(ValueError):
         self.expected, self.found = str(expected), str(found)
         pair = (("expected", self.expected), ("found", self.found))
         both = ", ".join(f"{word} {text}" for word, text in pair if text)
-        what = "; ".join(part for part in (problem, both, fix) if part)
-        super().__init__(": ".join(part for part in (self.place, key, what) if part))
+        text = "; ".join(part for part in (problem, both, fix) if part)
+        super().__init__(": ".join(part for part in (self.place, key, text) if part))
 
 
 @contextmanager
 def at(
     place: str | PurePath = "", error: type[InputError] = InputError, key: str = ""
 ) -> Iterator[None]:
-    """Put `place` and `key` in front of a ValueError of the block, which becomes an `error`; parts
-    stay. A place that is there is not repeated; one that follows a key is in the problem."""
+    """Put `place` and `key` in front of a ValueError of the block, which becomes an `error`.
+
+    Parts stay. A place that is already in front is not repeated; one that follows a key is in the
+    problem."""
     try:
         yield
     except ValueError as wrong:
-        own = wrong if isinstance(wrong, InputError) else InputError(" ".join(str(wrong).split()))
-        if key and own.place:
-            own = InputError(str(own))
-        front = "" if f"{own.place}: ".startswith(f"{place}: ") else str(place)
-        paths = {"place": (front, own.place), "key": (key, own.key)}
+        cause = wrong if isinstance(wrong, InputError) else InputError(" ".join(str(wrong).split()))
+        if key and cause.place:
+            cause = InputError(str(cause))
+        front = "" if f"{cause.place}: ".startswith(f"{place}: ") else str(place)
+        paths = {"place": (front, cause.place), "key": (key, cause.key)}
         joined = {name: ": ".join(filter(None, parts)) for name, parts in paths.items()}
-        raise error(**vars(own) | joined) from None
+        raise error(**vars(cause) | joined) from None

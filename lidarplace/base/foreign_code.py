@@ -1,4 +1,4 @@
-"""Calls of plug-ins: what their code must not do to a command is one line that names them."""
+"""Calls of plug-ins: the harm that their code does becomes one line that names them."""
 
 import logging
 import math
@@ -21,7 +21,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.plugin_folders import PLUGINS, Folders, active_folders, current_folder
 
 SLOW_IMPORT_S = 10.0
-"""Seconds after which the import of a plug-in is named as what a command waits for."""
+"""Seconds after which the import of a plug-in is reported as what a command waits for."""
 
 _STREAMS = {"stdout": 1, "stderr": 2}
 
@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 
 def plugin_place(error: BaseException) -> str:
-    """`FILE:LINE: ` of the innermost call in a plug-in that raised it; empty if there is none."""
+    """Return `FILE:LINE: ` of the innermost call of a plug-in in a traceback; "" without one."""
     place = ""
     for frame, line in traceback.walk_tb(error.__traceback__):
         package = str(frame.f_globals.get("__name__")).partition(".")[0]
@@ -78,7 +78,7 @@ def foreign_code(name: str, passed: tuple[type[Exception], ...] = ()) -> Iterato
 
 
 def import_plugin(path: str, name: str) -> Any:
-    """Import what `package.module:attribute` is. Raises InputError at `name`, as `foreign_code`."""
+    """Import `package.module:attribute`. Raises InputError at `name`, as `foreign_code`."""
     text = f"{name}: its import takes more than {SLOW_IMPORT_S:g} s"
     timer = Timer(SLOW_IMPORT_S, _log.warning, (text,))
     timer.daemon = True
@@ -97,7 +97,7 @@ def import_plugin(path: str, name: str) -> Any:
 
 
 def finite_number(value: object, place: str) -> float:
-    """Check that `value` is one finite real number. Raises InputError at `place`."""
+    """Return `value` if it is one finite real number. Raises InputError at `place`."""
     try:
         number = float(value) if isinstance(value, Real) else math.nan
     except OverflowError:  # an integer beyond the range of floats
@@ -119,7 +119,7 @@ def _reason(error: Exception) -> str:
 
 
 def _closed_streams() -> set[str]:
-    """Names of the standard streams that cannot be written to."""
+    """Return names of the standard streams that cannot be written to."""
     return {
         name
         for name, descriptor in _STREAMS.items()
@@ -151,7 +151,7 @@ def _filters() -> Any:
 
 
 def _strict_filters() -> list[Any]:
-    """Filters that turn every warning of a category of Python's into an error, in all modules."""
+    """Return filters that turn every warning of a category of Python's into an error."""
     return [
         item
         for item in _filters()

@@ -56,6 +56,8 @@ def njit(**options: Any) -> Callable[[Kernel], Kernel]:
 
 inner = njit(error_model="numpy", no_cpython_wrapper=True)
 """For functions that compiled code alone calls: they take a quarter less time to compile."""
+inlined = njit(error_model="numpy", no_cpython_wrapper=True, forceinline=True)
+"""For steps of one kernel: their code becomes part of its loops."""
 
 
 def _folder(parent: Path, function: Callable[..., Any]) -> Path:

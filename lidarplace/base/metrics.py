@@ -1,7 +1,6 @@
-"""The metrics of detections, in the order of display.
+"""Metrics of detections, in the order of display.
 
-A metric of ours is computed in `training.kitti_ap`; others: docs/extending.md.
-"""
+A metric of ours is computed in `training.kitti_ap`; others: docs/extending.md."""
 
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, NamedTuple
@@ -12,11 +11,11 @@ from pydantic.dataclasses import dataclass
 from lidarplace.base.registry import Registry
 
 Direction = Literal["maximize", "minimize"]
-"""Which values are best."""
+"""Direction of better values."""
 
 
 STRICT = ConfigDict(strict=True, extra="forbid")
-"""Of what plug-ins register: each field has its type, and there are no others."""
+"""Configuration of what plug-ins register: each field has its type, and there are no others."""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -62,42 +61,44 @@ METRICS = Registry(
 )
 """Metrics by name, ours in the order of display."""
 
-RANKING = METRICS.where(lambda own: own.ranks)
-"""What placements are compared by."""
+RANKING = METRICS.where(lambda metric: metric.ranks)
+"""Metrics by which placements are compared."""
 
-OF_CLASSES = METRICS.where(lambda own: not own.of_all)
-"""What is measured of each class alone."""
+OF_CLASSES = METRICS.where(lambda metric: not metric.of_all)
+"""Metrics of each class alone."""
 
 
 def headline_metric(object_class: str) -> str:
-    """What a class is judged by: 3D AP; all classes together, of which there is none, by recall."""
-    own = (n for n, m in _OWN.items() if m.headline and m.of_all == (object_class == "all"))
-    return next(own)
+    """Return the metric of headlines for a class: 3D AP, and recall for all classes together.
+
+    All classes have no AP."""
+    of_all = object_class == "all"
+    return next(n for n, m in _OWN.items() if m.headline and m.of_all == of_all)
 
 
 HEADLINE_METRIC = headline_metric("")
-"""What a single class is judged by."""
+"""Metric of headlines for a single class."""
 
 
 EVERY_IOU = 0.0
-"""What tables have as IoU of a metric without a single IoU."""
+"""IoU in tables of a metric without a single IoU."""
 
 MEAN_AP_IOU = tuple(step / 100 for step in range(30, 81, 5))
-"""What "AP_R40_3D_mean" is a mean over: 0.3, 0.35, …, 0.8."""
+"""IoUs over which "AP_R40_3D_mean" is a mean: 0.3, 0.35, …, 0.8."""
 
 
 class Overlaps(NamedTuple):
-    """IoU above which a detection is true."""
+    """IoUs above which a detection is true."""
 
     strict: float
     loose: float
 
 
 def kitti_iou(object_class: str) -> Overlaps:
-    """KITTI's of a class: 0.7 and 0.5 for Car, 0.5 and 0.25 for others."""
+    """Return KITTI's IoUs of a class: 0.7 and 0.5 for Car, 0.5 and 0.25 for others."""
     return Overlaps(0.7, 0.5) if object_class == "Car" else Overlaps(0.5, 0.25)
 
 
-def iou_of(object_class: str, own: Mapping[str, Overlaps]) -> Overlaps:
-    """Those that `own` has of a class, or KITTI's."""
-    return own.get(object_class) or kitti_iou(object_class)
+def iou_of(object_class: str, of_classes: Mapping[str, Overlaps]) -> Overlaps:
+    """Return the IoUs of a class in `of_classes`, or KITTI's."""
+    return of_classes.get(object_class) or kitti_iou(object_class)

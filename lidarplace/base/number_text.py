@@ -2,16 +2,16 @@
 
 
 def span(values: list[float]) -> str:
-    """Where numbers lie, such as "2.2" or "-0.6 to 0.6"."""
+    """Format a range of numbers, such as "2.2" or "-0.6 to 0.6"."""
     low, high = number(min(values), 3), number(max(values), 3)
     return low if low == high else f"{low} to {high}"
 
 
 def number(value: float, digits: int = 6) -> str:
-    """So many digits; what rounding leaves of 0 is 0."""
+    """Round to `digits`, without negative zero."""
     return f"{round(float(value), 9) + 0.0:.{digits}g}"
 
 
 def point(*coordinates: float) -> str:
-    """Such as (0, 1.5, 2)."""
+    """Format a point, such as (0, 1.5, 2)."""
     return f"({', '.join(map(number, coordinates))})"

@@ -1,4 +1,4 @@
-"""Packages that not every installation has: which extra of this project brings one."""
+"""Packages that not every installation has, and the extra of this project that brings each."""
 
 _PACKAGES = {
     "training": "torch",
@@ -13,11 +13,11 @@ _PACKAGES = {
     "s3": "s3fs",
 }
 
-EXTRAS = {package: extra for extra, own in _PACKAGES.items() for package in own.split()}
-"""The extra by the name under which a package is imported."""
+EXTRAS = {package: extra for extra, names in _PACKAGES.items() for package in names.split()}
+"""Extra by the name under which a package is imported."""
 
 
 def needs(error: ModuleNotFoundError) -> str | None:
-    """What to do about a package that is not installed, None if no extra brings it."""
+    """Describe how to install a missing package; None if no extra brings it."""
     extra = EXTRAS.get(error.name or "")
     return extra and f"needs the package {error.name}: pip install 'lidarplace[{extra}]'"

@@ -1,4 +1,4 @@
-"""`.plot()`: things have a figure, which the top of the package draws."""
+"""Figures of public classes, which the top of the package draws."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,7 @@ class Plottable:
     """A public thing with a figure."""
 
     def plot(self) -> Any:
-        """A plotly figure (`plotly.graph_objects.Figure`); a notebook draws it."""
+        """Return a plotly figure (`plotly.graph_objects.Figure`); a notebook draws it."""
         return _DRAW[-1](self)
 
 
@@ -16,5 +16,5 @@ _DRAW: list[Callable[[Any], Any]] = []
 
 
 def draw_with(draw: Callable[[Any], Any]) -> None:
-    """Say what draws a figure: `lidarplace` does, as drawing stands above all that it draws."""
+    """Register what draws figures: `lidarplace`, as drawing is above all that it draws."""
     _DRAW.append(draw)

@@ -14,36 +14,37 @@ class Range:
     high: float
 
     def check(self, key: str, value: float, **parts: str) -> None:
-        """Raise InputError, with other `parts`, unless the value of `key` is in the range; NaN is
-        not."""
+        """Raise InputError, with other `parts`, unless the value of `key` is in the range.
+
+        NaN is not."""
         if not self.low <= value <= self.high:
             allowed = f"{self.low:,} to {self.high:,}"
             raise InputError(key=key, expected=allowed, found=value, **parts)
 
     def check_whole(self, key: str, value: int) -> None:
-        """As `check`; a number that is no integer is refused, too."""
+        """Check a range of integers; see `check`."""
         if not isinstance(value, Integral):
             raise InputError(key=key, expected="a whole number", found=repr(value))
         self.check(key, value)
 
 
 FRAME = Range(1 - 2**53, 2**53 - 1)
-"""The number of a frame: whole also as a float, and others can follow it."""
+"""Number of a frame: whole also as a float, and others can follow it."""
 FRAMES = Range(1, 10_000_000)
-"""How many frames there are."""
+"""Number of frames."""
 AZIMUTH_STEPS = Range(1, 1_000_000)
 """Rays of a beam in one turn; those of real LiDARs are thousands."""
 RESOLUTION = Range(0.02, 100.0)
 """Edge of a voxel, metres."""
 SHARE = Range(0.0, 1.0)
-"""A share of something."""
+"""Share of something."""
 ANGLE = Range(-6.2832, 6.2832)
-"""Of a LiDAR on its mount, radians, a turn to either side: degrees are mostly beyond."""
+"""Angle of a LiDAR on its mount, radians, a turn to either side: degrees are mostly beyond."""
 LIDAR_HEIGHT = Range(0.0, 100.0)
-"""Of a LiDAR above the ground, metres."""
+"""Height of a LiDAR above the ground, metres."""
 SEED = Range(0, 2**32 - 1)
-"""Of random numbers: what NumPy, torch and Optuna all take."""
+"""Seed of random numbers that NumPy, torch and Optuna all take."""
 PORT = Range(1, 65535)
-"""Of a server."""
+"""Port of a server."""
 TIMEOUT = Range(0.001, 10_000_000.0)
-"""Of a wait, seconds."""
+"""Time to wait, seconds."""

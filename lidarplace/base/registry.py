@@ -1,8 +1,7 @@
-"""What can be added from outside: names of ours, of installed packages, and `package.module:name`.
+"""Registries of what can be added from outside: names of ours and of plug-ins.
 
-A registry is asked when a name is read. Packages provide more names by entry points; they are
-imported when one of their names is asked for, or when all that is installed is listed.
-"""
+Plug-ins are installed packages, whose names are entry points, and `package.module:name`. They are
+imported when one of their names is looked up, or when all that is installed is listed."""
 
 from __future__ import annotations
 
@@ -37,7 +36,8 @@ class PluginError(InputError, KeyError):
 
 class Registry(Mapping[str, T]):
     """Things of one kind by name: `own`, and those of a group of entry points that `fits` accepts.
-    It iterates over ours and over what was asked for by name; `installed` has all. Indexing raises
+
+    It iterates over ours and over what was looked up by name; `installed` has all. Indexing raises
     PluginError for a name that nobody provides, that two provide, or that cannot be imported."""
 
     def __init__(
@@ -61,17 +61,18 @@ class Registry(Mapping[str, T]):
         return sum(1 for _ in self)
 
     def path(self, name: str) -> str | None:
-        """The `package.module:name` of a plug-in; None: it is ours, or nobody provides it.
+        """Return the `package.module:name` of a plug-in; None: it is ours, or nobody provides it.
+
         Raises PluginError: two packages provide it, or ours and another one."""
-        found = _entry_points(self.group).get(name, [])
-        if len(found) + (name in self.own) > 1:
-            by = sorted(point.dist.name if point.dist else point.value for point in found)
+        points = _entry_points(self.group).get(name, [])
+        if len(points) + (name in self.own) > 1:
+            by = sorted(point.dist.name if point.dist else point.value for point in points)
             by += ["lidarplace"][: name in self.own]
             problem = f"duplicate name in {self.group}, of {' and '.join(by)}"
             raise PluginError(problem, place=name, fix="uninstall all but one")
-        if found:
-            PLUGINS.setdefault(found[0].module.partition(".")[0], found[0].dist)
-            return f"{found[0].module}:{found[0].attr}"
+        if points:
+            PLUGINS.setdefault(points[0].module.partition(".")[0], points[0].dist)
+            return f"{points[0].module}:{points[0].attr}"
         if name in self.own or ":" not in name:
             return None
         PLUGINS.setdefault(name.partition(":")[0].partition(".")[0], None)
@@ -83,22 +84,23 @@ class Registry(Mapping[str, T]):
         return tuple(path.partition(":")[0] for path in paths if path is not None)
 
     def installed(self) -> dict[str, T]:
-        """Ours and those of all installed packages; one warning for each that is broken."""
-        found = dict(self.own)
+        """Return ours and those of all installed packages; warn of each that is broken."""
+        plug_ins = dict(self.own)
         for name in _entry_points(self.group):
             try:
                 self.path(name)
-                found[name] = self[name]
+                plug_ins[name] = self[name]
             except PluginError as error:
                 _log.warning("plug-in left out: %s", error)
-        return found
+        return plug_ins
 
     def calls(self, name: str, *passed: type[Exception]) -> AbstractContextManager[None]:
-        """Guard a block that calls what `name` is, see `foreign_code`; no guard for ours."""
+        """Guard a block that calls the plug-in `name`, see `foreign_code`; no guard for ours."""
         return nullcontext() if name in self.own else foreign_code(name, passed)
 
     def number(self, name: str, compute: Callable[[], float], of: str) -> float:
         """Compute the number `name` of a rig or class `of`; that of a plug-in must be finite.
+
         Raises InputError that names both."""
         if name in self.own:
             return compute()
@@ -108,7 +110,7 @@ class Registry(Mapping[str, T]):
         return finite_number(value, place)
 
     def where(self, place: Callable[[T], float | None]) -> Names:
-        """Names whose `place` is neither None nor False, in the order of their places."""
+        """Return names whose `place` is neither None nor False, in the order of their places."""
         return Names(self, place)
 
     def _load(self, name: str) -> T:
@@ -116,7 +118,7 @@ class Registry(Mapping[str, T]):
             raise PluginError(f"no installed package has it among its {self.group}", place=name)
         where = name if name == path else f"{name} ({path})"
         try:
-            found = import_plugin(path, where)
+            plug_in = import_plugin(path, where)
         except InputError as error:
             root, fix = path.partition(":")[0].partition(".")[0], ""
             if getattr(error.__cause__, "name", None) == root:
@@ -124,15 +126,15 @@ class Registry(Mapping[str, T]):
             if root not in sys.modules:
                 PLUGINS.pop(root, None)  # nothing to send to a worker
             raise PluginError(error.problem, place=where, fix=fix) from error
-        if not self._fits(found):
-            expected, kind = f"one of {self.group}", type(found).__name__
+        if not self._fits(plug_in):
+            expected, kind = f"one of {self.group}", type(plug_in).__name__
             raise PluginError("wrong type", place=where, expected=expected, found=kind)
-        return cast(T, found)
+        return cast(T, plug_in)
 
 
 @dataclass(frozen=True, eq=False)
 class Names(Collection[str]):
-    """Some names of a registry, see `Registry.where`; looked up when they are asked for."""
+    """Some names of a registry, see `Registry.where`; looked up when they are read."""
 
     registry: Registry[Any]
     place: Callable[[Any], float | None]
@@ -148,19 +150,20 @@ class Names(Collection[str]):
 
     @property
     def own(self) -> tuple[str, ...]:
-        """Those that are ours."""
+        """Names that this package registers."""
         return self.among(self.registry.own)
 
     def among(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Those of `names` that are in the registry and have a place, in order."""
+        """Return those of `names` that are in the registry and have a place, in order."""
         places = {name: self.place(self.registry[name]) for name in names if name in self.registry}
-        known = {name: at for name, at in places.items() if at is not None and at is not False}
-        return tuple(sorted(known, key=lambda name: known[name]))
+        placed = {name: at for name, at in places.items() if at is not None and at is not False}
+        return tuple(sorted(placed, key=lambda name: placed[name]))
 
 
 @dataclass(frozen=True, eq=False)
 class OneOf:
     """Annotation of a string in settings: a name of these kinds, with a tail, or one of others.
+
     Looked up when it is read; the schema lists what is installed."""
 
     kinds: tuple[Names, ...]
@@ -168,12 +171,14 @@ class OneOf:
     tails: tuple[str, ...] = ("",)
 
     def names(self) -> tuple[str, ...]:
-        """All that is installed."""
-        found = (name for kind in self.kinds for name in kind.among(kind.registry.installed()))
-        return (*(name + tail for name in found for tail in self.tails), *self.others)
+        """Return all names that are installed."""
+        names = (name for kind in self.kinds for name in kind.among(kind.registry.installed()))
+        return (*(name + tail for name in names for tail in self.tails), *self.others)
 
     def check(self, name: str) -> str:
-        """`name`. Raises PluginError for a broken plug-in, PydanticCustomError for another name."""
+        """Return `name`.
+
+        Raises PluginError for a broken plug-in, PydanticCustomError for another name."""
         broken = None
         for kind, tail in product(self.kinds, self.tails):
             base = name.removesuffix(tail)
@@ -188,8 +193,8 @@ class OneOf:
         if broken:
             raise broken
         *others, last = map(repr, self.names())
-        known = {"expected": f"{', '.join(others)} or {last}"}
-        raise PydanticCustomError("literal_error", "Input should be {expected}", known)
+        context = {"expected": f"{', '.join(others)} or {last}"}
+        raise PydanticCustomError("literal_error", "Input should be {expected}", context)
 
     def __get_pydantic_core_schema__(self, kind: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_after_validator_function(self.check, handler(kind))
@@ -202,7 +207,7 @@ class OneOf:
 
 @cache
 def _entry_points(group: str) -> dict[str, list[EntryPoint]]:
-    found: dict[str, list[EntryPoint]] = {}
+    by_name: dict[str, list[EntryPoint]] = {}
     for point in entry_points(group=group):
-        found.setdefault(point.name, []).append(point)
-    return found
+        by_name.setdefault(point.name, []).append(point)
+    return by_name

@@ -9,11 +9,11 @@ EDGES_M = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, np.inf)
 
 
 def ring_of(boxes: pd.DataFrame) -> NDArray[np.int64]:
-    """Number of the ring that holds the centre of each box, whatever its z, from 0; (rows,)."""
+    """Return the number of the ring that holds the centre of each box, whatever its z; (rows,)."""
     distance = np.hypot(boxes["x"].to_numpy(np.float64), boxes["y"].to_numpy(np.float64))
     return np.asarray(np.digitize(distance, EDGES_M[1:-1]))
 
 
 def bounds_of(ring: int) -> tuple[float, float]:
-    """Lower and upper bound of a ring in metres."""
+    """Return lower and upper bound of a ring in metres."""
     return EDGES_M[ring], EDGES_M[ring + 1]

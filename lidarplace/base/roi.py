@@ -14,15 +14,15 @@ from lidarplace.base.errors import InputError
 Interval = tuple[float, float]
 
 MOST_CELLS = 10**9
-"""Voxels along one axis."""
+"""Largest number of voxels along one axis."""
 
 
-def _interval(key: str, found: Any) -> Interval:
-    """Two numbers. Raises InputError that says so."""
+def _interval(key: str, ends: Any) -> Interval:
+    """Return two numbers. Raises InputError for anything else."""
     try:
-        low, high = (float(value) for value in found if not isinstance(value, str))
+        low, high = (float(value) for value in ends if not isinstance(value, str))
     except (TypeError, ValueError):
-        raise InputError(key=key, expected="(min, max) in metres", found=repr(found)) from None
+        raise InputError(key=key, expected="(min, max) in metres", found=repr(ends)) from None
     return low, high
 
 
@@ -76,10 +76,10 @@ class Roi:
 
     @property
     def minimum(self) -> NDArray[np.float64]:
-        """The corner of smallest coordinates, shape (3,), metres."""
+        """Corner of smallest coordinates, shape (3,), metres."""
         return np.array([self.x[0], self.y[0], self.z[0]])
 
     def centres(self, axis: int) -> NDArray[np.float64]:
-        """Coordinates of the voxel centres along `axis` (0, 1, 2), metres."""
+        """Return coordinates of the voxel centres along `axis` (0, 1, 2), metres."""
         low, steps = self.minimum[axis], np.arange(self.shape[axis]) + 0.5
         return np.asarray(low + steps * self.resolution)

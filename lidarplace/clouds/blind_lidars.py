@@ -8,7 +8,7 @@ from lidarplace.base.number_text import point
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.convex import span
 from lidarplace.clouds.own_body import sedan
-from lidarplace.clouds.raycast import Beams, along, rays_of
+from lidarplace.clouds.raycast import along, rays_of
 from lidarplace.mounting.housing import housing_around, housings_in, turned
 from lidarplace.mounting.sight import Obstacles, obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle
@@ -21,8 +21,9 @@ SPACE_M = 0.5
 
 
 def blind_lidars(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> list[int]:
-    """Numbers, from 0, of the LiDARs that see neither ground nor the space of objects in the ROI,
-    in some pose of the vehicle; None: a sedan.
+    """Return the LiDARs, from 0, that see neither ground nor the space of objects in the ROI.
+
+    One pose of the vehicle in which they do not is enough; None: a sedan.
 
     A ray sees if it reaches the ground of the ROI, or SPACE_M of it are in the ROI below OBJECTS_M,
     between the least range and the range, before the vehicle or another LiDAR stops it. All rays of
@@ -30,20 +31,20 @@ def blind_lidars(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> list[int]
     floor = max(roi.z[0], 0.0)
     low = np.array([roi.x[0], roi.y[0], floor])
     high = np.array([roi.x[1], roi.y[1], min(roi.z[1], floor + OBJECTS_M)])
-    poses, housings, found = (vehicle or sedan()).poses, housings_in(rig), []
+    poses, housings, blind = (vehicle or sedan()).poses, housings_in(rig), []
     obstacles = [obstacles_of(pose, housings) for pose in poses.values()]
     for number, (mount, lidar) in enumerate(zip(rig.mounts, rig.lidars, strict=True)):
         frames = range(1 if lidar.pattern is None else lidar.pattern.frames)
         if not all(
             any(
-                _sees(*rays, lidar.reach, low, high, own, number)
+                _sees(rays, lidar.reach, (low, high), of_pose, number)
                 for frame in frames
                 for rays, _ in rays_of(mount, lidar.in_frame(frame))
             )
-            for own in obstacles
+            for of_pose in obstacles
         ):
-            found.append(number)
-    return found
+            blind.append(number)
+    return blind
 
 
 def why_blind(rig: Placement, roi: Roi, number: int, first: int) -> tuple[str, str]:
@@ -63,7 +64,9 @@ def check_not_blind(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sees(origin, rotation, beams: Beams, reach, low, high, obstacles: Obstacles, own):
+def _sees(rays, reach, space, obstacles: Obstacles, number):
+    """Return whether a ray sees; `space` are lowest and highest corner of what counts."""
+    (origin, rotation, beams), (low, high) = rays, space
     for beam in range(len(beams.elevations)):
         _, ce, se = beams.elevations[beam]
         cosines, sines = along(beams, beam)
@@ -75,7 +78,7 @@ def _sees(origin, rotation, beams: Beams, reach, low, high, obstacles: Obstacles
                 enter, leave = max(enter, near), min(leave, far)
             grounded = low[2] == 0.0 and dz < 0.0 and leave == -origin[2] / dz
             needed = min(enter + SPACE_M, leave) if grounded else enter + SPACE_M
-            room = enter <= leave and needed <= min(leave, reach)
-            if room and not stopped(origin, dx, dy, dz, needed, obstacles, own):
+            long_enough = enter <= leave and needed <= min(leave, reach)
+            if long_enough and not stopped(origin, dx, dy, dz, needed, obstacles, number):
                 return True
     return False

@@ -3,6 +3,7 @@
 `lidarplace.clouds.raycast` explains how a ray meets them."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -77,7 +78,7 @@ def fill_planes(part, origin, rotation, planes):
 
 @inner
 def span(origin, way, low, high):
-    """From where to where a ray is between two planes across an axis."""
+    """Return from where to where a ray is between two planes across an axis."""
     if way == 0.0:
         return (-np.inf, np.inf) if low <= origin <= high else (np.inf, -np.inf)
     a, b = (low - origin) / way, (high - origin) / way
@@ -86,21 +87,37 @@ def span(origin, way, low, high):
 
 @inner
 def shorter_turn(start, end):
-    """The shorter way from one azimuth in [-pi, pi] to another."""
+    """Return the shorter way from one azimuth in [-pi, pi] to another."""
     turn = end - start
     if turn > math.pi:
         return turn - 2 * math.pi
     return turn + 2 * math.pi if turn < -math.pi else turn
 
 
-@inner
-def window(corners, origin, rotation):
-    """Azimuths and elevations under which a part can appear in the sensor's frame.
+class Window(NamedTuple):
+    """Azimuths, elevations and distances at which a part can appear in the sensor's frame.
 
-    Returns (centre azimuth, half width below, half width above, lowest, highest elevation, nearest
-    and farthest distance); the half widths are pi if the sensor's axis meets the part or passes
-    close by. The azimuths are those of the corners, exact; elevations and distances are bounds,
-    from the corners' heights and the ring around the axis that holds the part."""
+    Attributes:
+        azimuth, right, left: a direction to the part, and how far the part reaches to either side
+            of it, radians; pi if the sensor's axis meets the part or passes close by.
+        lowest, highest: bounds of the elevation, radians.
+        nearest, farthest: bounds of the distance, metres."""
+
+    azimuth: float
+    right: float
+    left: float
+    lowest: float
+    highest: float
+    nearest: float
+    farthest: float
+
+
+@inner
+def window_of(corners, origin, rotation):
+    """Return the `Window` of a part.
+
+    The azimuths are those of the corners, exact; elevations and distances are bounds, from the
+    corners' heights and the ring around the axis that holds the part."""
     seen = np.empty((8, 3))
     mx = my = 0.0
     for n in range(8):
@@ -110,14 +127,14 @@ def window(corners, origin, rotation):
             seen[n, k] = rotation[0, k] * ex + rotation[1, k] * ey + rotation[2, k] * ez
         mx += seen[n, 0]
         my += seen[n, 1]
-    middle = math.atan2(my, mx)
-    below = above = far = 0.0
+    azimuth = math.atan2(my, mx)
+    right = left = far = 0.0
     near = np.inf
     lowest, highest = np.inf, -np.inf
     for n in range(8):
         x, y = seen[n, 0], seen[n, 1]
-        turn = shorter_turn(middle, math.atan2(y, x))
-        below, above = max(below, -turn), max(above, turn)
+        turn = shorter_turn(azimuth, math.atan2(y, x))
+        right, left = max(right, -turn), max(left, turn)
         far = max(far, x * x + y * y)
         lowest, highest = min(lowest, seen[n, 2]), max(highest, seen[n, 2])
         for bit in (1, 2, 4):  # the edges from here; seen along the axis they bound the part
@@ -129,22 +146,23 @@ def window(corners, origin, rotation):
                 near = min(near, (x + t * ex) ** 2 + (y + t * ey) ** 2)
     near, far = math.sqrt(near), math.sqrt(far)
     # Seen from outside, a convex shape spans less than half a turn.
-    if below + above > math.pi - 1e-6 or near < 1e-6:
-        below = above = math.pi
+    if right + left > math.pi - 1e-6 or near < 1e-6:
+        right = left = math.pi
         near = 0.0
     height = max(max(lowest, -highest), 0.0)
     reach = max(abs(lowest), abs(highest))
-    lowest = math.atan2(lowest, near if lowest < 0 else far)
-    highest = math.atan2(highest, near if highest > 0 else far)
-    near, far = math.hypot(near, height), math.hypot(far, reach)
-    return middle, below, above, lowest - 1e-9, highest + 1e-9, near, far
+    down = math.atan2(lowest, near if lowest < 0 else far)
+    up = math.atan2(highest, near if highest > 0 else far)
+    distances = math.hypot(near, height), math.hypot(far, reach)
+    return Window(azimuth, right, left, down - 1e-9, up + 1e-9, *distances)
 
 
 @inner
 def enter_along(cosines, sines, planes, facing, ce, se, enter):
-    """Write to the first elements of `enter` the inverse distances at which rays of a beam enter a
-    part; negative where they miss it. Cosines and sines are of the azimuths, `ce` and `se` of the
-    elevation."""
+    """Write the inverse distances at which rays of a beam enter a part to the start of `enter`.
+
+    They are negative for rays that miss it. Cosines and sines are of the azimuths, `ce` and `se` of
+    the elevation."""
     number = len(cosines)
     for k in range(6):
         a, b, c = ce * planes[k, 0], ce * planes[k, 1], se * planes[k, 2] + planes[k, 3]
@@ -156,5 +174,5 @@ def enter_along(cosines, sines, planes, facing, ce, se, enter):
                 enter[n] = min(enter[n], a * cosines[n] + b * sines[n] + c)
         else:
             for n in range(number):
-                here = a * cosines[n] + b * sines[n] + c
-                enter[n] = enter[n] if enter[n] >= here else -1.0
+                leave = a * cosines[n] + b * sines[n] + c
+                enter[n] = enter[n] if enter[n] >= leave else -1.0

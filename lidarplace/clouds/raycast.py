@@ -1,6 +1,12 @@
 """Cast the rays of a LiDAR at convex parts, the ground and the vehicle's own body.
 
 Every ray goes to the nearest surface that it *enters*: a part around the sensor is transparent.
+`cast_compiled`:
+
+1. lets every ray meet the flat ground, its end at the rig, or nothing: `_start_nearest`;
+2. passes over parts that are out of reach, between two beams, or not before the crop;
+3. lets rays meet the other parts where nothing nearer is met: `_meet_part`;
+4. turns inverse distances and numbers of parts into hits: `_fill_hits`.
 
 A part is the common inside of six planes. For a sensor at a signed distance D outside of a plane
 with unit normal n, a ray along d meets it at the distance D / -(n d), so the inverse distance is
@@ -17,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import inner, njit
-from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, shorter_turn, window
+from lidarplace.base.kernel_cache import inlined, inner, njit
+from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, shorter_turn, window_of
 from lidarplace.clouds.shapes import BODY, Parts
 from lidarplace.rigs.correction import Correction
 from lidarplace.rigs.lidar import Lidar
@@ -34,7 +40,7 @@ EVERYWHERE = (-math.inf, -math.inf, -math.inf, math.inf, math.inf, math.inf)
 
 
 class Hits(NamedTuple):
-    """What every ray of a LiDAR meets first, in the order of `Lidar.directions()`.
+    """First hit of every ray of a LiDAR, in the order of `Lidar.directions()`.
 
     Attributes:
         range: metres, `inf` where nothing is met within the LiDAR's range, shape (rays,), float64.
@@ -48,7 +54,7 @@ class Hits(NamedTuple):
     reflected: NDArray[np.float64]
 
     def of(self, rays: slice) -> "Hits":
-        """Those of some of the rays, in the same memory."""
+        """Return the hits of some rays, in the same memory."""
         return Hits(self.range[rays], self.target[rays], self.reflected[rays])
 
 
@@ -61,8 +67,9 @@ def cast(
     ends: NDArray[np.float64] = NO_ENDS,
     level: bool = True,
 ) -> Hits:
-    """Cast all rays of one LiDAR: range noise, drop-off, the least range and what is too dark to
-    return light are not applied.
+    """Cast all rays of one LiDAR.
+
+    Range noise, drop-off, the least range and the light that a surface must return are not applied.
 
     `parts` are what stands around, and the vehicle's own body. Hits within the `crop` x0, y0, z0,
     x1, y1, z1, ego frame, metres, are right, for rays that meet nothing there the answer is open:
@@ -71,10 +78,30 @@ def cast(
     `lidarplace.clouds.shade`. `level`: whether the ground is flat, at z = 0; else there is none."""
     number = lidar.rays
     hits = into or Hits(np.empty(number), np.empty(number, np.int32), np.empty(number))
-    surfaces = parts.geometry, parts.owner, parts.reflectivity, np.array(crop, np.float64)
+    surfaces = Surfaces(parts.geometry, parts.owner, parts.reflectivity)
+    region = np.array(crop, np.float64)
     for rays, numbers in rays_of(mount, lidar):
-        cast_compiled(*rays, *surfaces, ends[numbers], hits.of(numbers), level)
+        cast_compiled(rays, surfaces, region, ends[numbers], hits.of(numbers), level)
     return hits
+
+
+class Surfaces(NamedTuple):
+    """`Parts`, as compiled code takes them."""
+
+    geometry: NDArray[np.float64]
+    owner: NDArray[np.int32]
+    reflectivity: NDArray[np.float64]
+
+
+class Nearest(NamedTuple):
+    """Nearest surface on every ray of a LiDAR.
+
+    Attributes:
+        inverse: inverse of its distance, 1/m, shape (rays,).
+        part: number of the part, or GROUND, NOTHING, BODY, shape (rays,)."""
+
+    inverse: NDArray[np.float64]
+    part: NDArray[np.int32]
 
 
 class Beams(NamedTuple):
@@ -107,13 +134,17 @@ class Beams(NamedTuple):
     loss: float
 
 
-Rays = tuple[NDArray[np.float64], NDArray[np.float64], Beams]
-"""As compiled code takes them: position and rotation of the sensor in the ego frame, and beams."""
+class Rays(NamedTuple):
+    """Rays of a mounted LiDAR: position and rotation of the sensor in the ego frame, and beams."""
+
+    origin: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    beams: Beams
 
 
 @lru_cache(maxsize=64)
 def beams_of(lidar: Lidar) -> Beams:
-    """The rays of `lidar`, in read-only arrays."""
+    """Return the rays of `lidar`, in read-only arrays."""
     elevation = np.asarray(lidar.elevations)
     azimuth = np.atleast_2d(lidar.azimuths())
     elevations = np.stack([elevation, np.cos(elevation), np.sin(elevation)], axis=1)
@@ -134,47 +165,48 @@ def beams_of(lidar: Lidar) -> Beams:
 
 
 def rays_of(mount: Mount, lidar: Lidar) -> list[tuple[Rays, slice]]:
-    """The rays of each of the `blocks` of a LiDAR, and which of its rays they are."""
+    """Return the rays of each of the `blocks` of a LiDAR, and which of its rays they are."""
     return [
-        ((own_mount.position, own_mount.rotation, beams_of(own)), numbers)
-        for own_mount, own, numbers in blocks(mount, lidar)
+        (Rays(block_mount.position, block_mount.rotation, beams_of(block)), numbers)
+        for block_mount, block, numbers in blocks(mount, lidar)
     ]
 
 
 @inner
 def along(beams, beam):
-    """Cosines and sines of the azimuths at which a beam fires."""
-    own = beams.azimuths[beam if len(beams.aimed) else 0]
-    return own[0], own[1]
+    """Return cosines and sines of the azimuths at which a beam fires."""
+    azimuths = beams.azimuths[beam if len(beams.aimed) else 0]
+    return azimuths[0], azimuths[1]
 
 
 @inner
-def beams_in(beams, middle, below, above):
-    """First and last of the beams that may fire within a window of azimuths."""
-    low, high = middle - below - HAIR, middle + above + HAIR
+def beams_in(beams, window):
+    """Return the first and past the last of the beams that may fire within a window of azimuths."""
+    low, high = window.azimuth - window.right - HAIR, window.azimuth + window.left + HAIR
     if len(beams.aimed) == 0 or low < -math.pi or high > math.pi:
         return 0, len(beams.elevations)
     return np.searchsorted(beams.aimed, low), np.searchsorted(beams.aimed, high)
 
 
 @inner
-def runs(beams, beam, middle, below, above):
-    """First and last azimuth step of a beam in the two runs that a window of azimuths spans, as it
-    may go on at the start of the turn."""
+def runs(beams, beam, window):
+    """Return first and past the last step of a beam in each of two runs that a window spans.
+
+    There are two as it may go on at the start of the turn."""
     if len(beams.aimed):
-        turn = shorter_turn(middle, beams.aimed[beam])
-        return (0, int(-below - HAIR <= turn <= above + HAIR)), (0, 0)
+        turn = shorter_turn(window.azimuth, beams.aimed[beam])
+        return (0, int(-window.right - HAIR <= turn <= window.left + HAIR)), (0, 0)
     steps, per_step = beams.azimuths.shape[2], 2 * np.pi / beams.turn
     # One step wider than the interval on both sides, so that rounding costs nothing.
-    start = int(np.floor((middle - below) / per_step))
-    count = min(int(np.ceil((middle + above) / per_step)) - start + 1, beams.turn)
+    start = int(np.floor((window.azimuth - window.right) / per_step))
+    count = min(int(np.ceil((window.azimuth + window.left) / per_step)) - start + 1, beams.turn)
     start = (start - beams.first_step) % beams.turn
     return (start, min(start + count, steps)), (0, min(start + count - beams.turn, steps))
 
 
 @inner
 def returns_light(distance, reflected, beams):
-    """Whether a surface is neither too near nor too dark to be seen, see `Lidar.sight`."""
+    """Return whether a surface is neither too near nor too dark to be seen, see `Lidar.sight`."""
     if distance < beams.nearest:
         return False
     if beams.sight_10 == math.inf:
@@ -187,8 +219,10 @@ def returns_light(distance, reflected, beams):
 def expected_share(
     lidar: Lidar, object_class: str, rays: NDArray[np.int64], ranges: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Probability that `rays`, by their numbers, return from an object of a class at `ranges`,
-    metres, of the same shape, past drop-off and correction."""
+    """Return the probability that rays return from an object, past drop-off and correction.
+
+    `rays` are their numbers, `ranges` their distances to an object of the class, metres, of the
+    same shape."""
     beams, correction = beams_of(lidar), lidar.correction or Correction()
     share = correction.factors_of([object_class])[0] * np.exp(-beams.loss * ranges)
     if len(beams.mask):
@@ -198,9 +232,10 @@ def expected_share(
 
 @inner
 def lost_share(ray, distance, factor, drop_off, beams):
-    """Probability that the return of a ray is lost, by drop-off and by `Correction`; `drop_off` to
-    the last bit where the correction loses nothing. What is no object has factor 1 and distance
-    0."""
+    """Return the probability that the return of a ray is lost, by drop-off and by `Correction`.
+
+    It is `drop_off` to the last bit where the correction loses nothing. What is no object has
+    factor 1 and distance 0."""
     share = factor * math.exp(-beams.loss * distance)
     if len(beams.mask):
         share *= beams.mask[ray]
@@ -208,105 +243,138 @@ def lost_share(ray, distance, factor, drop_off, beams):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cast_compiled(
-    origin, rotation, fired, parts, owners, reflectivities, crop, ends, hits, level=True
-):
-    """Fill the `hits` of the `Beams` that are fired; arguments as of `cast`.
+def cast_compiled(rays, surfaces, crop, ends, hits, level=True):
+    """Fill the `hits` of `Rays` on `Surfaces`; further arguments as of `cast`."""
+    origin, rotation, beams = rays
+    number, steps = len(surfaces.owner), beams.azimuths.shape[2]
+    nearest = Nearest(np.empty(len(hits.range)), np.empty(len(hits.range), np.int32))
+    _start_nearest(rays, ends, level, nearest)
+    planes, facing = np.empty((number, 6, 5)), np.zeros(number, np.int64)
+    corners, enter = np.empty((8, 3)), np.empty(steps)
+    for part in range(number):
+        fill_corners(surfaces.geometry[part], corners)
+        if _is_apart(corners, origin, crop):
+            continue
+        window = window_of(corners, origin, rotation)
+        if window.nearest > beams.reach or not _is_between(beams, window):
+            continue
+        facing[part] = fill_planes(surfaces.geometry[part], origin, rotation, planes[part])
+        if facing[part] > 0:
+            faces = part, facing[part], planes[part]
+            _meet_part(beams, window, faces, enter, nearest)
+    _fill_hits(rays, surfaces, (facing, planes), nearest, level, hits)
 
-    Parts apart from the hull of crop and sensor are skipped: the hull is convex, so it holds every
-    ray up to a point in `crop`, and they cannot stand before one."""
-    elevations, reach = fired.elevations, fired.reach
-    ranges, targets, reflected = hits
-    beams, steps = len(elevations), fired.azimuths.shape[2]
-    # Until the end `ranges` holds inverse distances and `targets` rows of `parts`.
-    farthest = 1.0 / reach * (1.0 - 4e-16)
-    high = origin[2] if level and origin[2] > 0.0 else np.nan  # at or below it there is none
-    for beam in range(beams):
-        ce, se = elevations[beam, 1], elevations[beam, 2]
-        cosines, sines = along(fired, beam)
+
+@inlined
+def _height_over_ground(rays, level):
+    """Return the height of the sensor over flat ground; NaN if there is none or it is not above."""
+    return rays.origin[2] if level and rays.origin[2] > 0.0 else np.nan
+
+
+@inlined
+def _start_nearest(rays, ends, level, nearest):
+    """Let every ray meet the flat ground, its end at the rig, or nothing within its reach."""
+    _, rotation, beams = rays
+    steps, high = beams.azimuths.shape[2], _height_over_ground(rays, level)
+    farthest = 1.0 / beams.reach * (1.0 - 4e-16)
+    for beam in range(len(beams.elevations)):
+        ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
+        cosines, sines = along(beams, beam)
         a, b = -rotation[2, 0] * ce / high, -rotation[2, 1] * ce / high
         c = -rotation[2, 2] * se / high
-        best, which = ranges[beam * steps :], targets[beam * steps :]
+        inverse, part = nearest.inverse[beam * steps :], nearest.part[beam * steps :]
         for n in range(steps):
             ground = a * cosines[n] + b * sines[n] + c
-            best[n] = ground if ground > farthest else farthest
-            which[n] = GROUND if ground > farthest else NOTHING
+            inverse[n] = ground if ground > farthest else farthest
+            part[n] = GROUND if ground > farthest else NOTHING
         for n in range(steps if len(ends) else 0):
             end = ends[beam * steps + n]
-            if end > best[n]:
-                best[n], which[n] = end, BODY
+            if end > inverse[n]:
+                inverse[n], part[n] = end, BODY
 
-    number = len(parts)
-    planes = np.empty((number, 6, 5))
-    facing = np.zeros(number, np.int64)
-    enter = np.empty(steps)
-    corners = np.empty((8, 3))
-    for p in range(number):
-        fill_corners(parts[p], corners)
-        apart = False
-        for axis in range(3):
-            low, top = min(crop[axis], origin[axis]), max(crop[axis + 3], origin[axis])
-            under = over = True
-            for n in range(8):
-                under, over = under and corners[n, axis] < low, over and corners[n, axis] > top
-            apart |= under or over
-        if apart:
+
+@inlined
+def _is_apart(corners, origin, crop):
+    """Return whether a part is apart from the hull of crop and sensor, axis by axis.
+
+    The hull is convex, so it holds every ray up to a point in `crop`, and the part cannot stand
+    before one."""
+    apart = False
+    for axis in range(3):
+        low, top = min(crop[axis], origin[axis]), max(crop[axis + 3], origin[axis])
+        under = over = True
+        for n in range(8):
+            under, over = under and corners[n, axis] < low, over and corners[n, axis] > top
+        apart |= under or over
+    return apart
+
+
+@inlined
+def _is_between(beams, window):
+    """Return whether a beam is in a window: what is thin, as a plate is, mostly is in none."""
+    start, end = beams_in(beams, window)
+    met = False
+    for beam in range(start, end):
+        met |= window.lowest <= beams.elevations[beam, 0] <= window.highest
+    return met
+
+
+@inlined
+def _meet_part(beams, window, faces, enter, nearest):
+    """Let the rays that enter a part meet it where nothing nearer is met.
+
+    `faces` are the number of the part, how many planes face the sensor, and the planes; `enter` is
+    memory for a beam."""
+    (part, facing, planes), (inverses, parts) = faces, nearest
+    elevations, steps = beams.elevations, beams.azimuths.shape[2]
+    start, end = beams_in(beams, window)
+    spans = runs(beams, start, window)
+    for beam in range(start, end):
+        elevation, ce, se = elevations[beam]
+        if not window.lowest <= elevation <= window.highest:
             continue
-        middle, below, above, lowest, highest, near, _ = window(corners, origin, rotation)
-        met = False  # what is thin, as a plate is, mostly lies between two beams
-        start, end = beams_in(fired, middle, below, above)
-        for beam in range(start, end):
-            met |= lowest <= elevations[beam, 0] <= highest
-        if near > reach or not met:
-            continue
-        facing[p] = fill_planes(parts[p], origin, rotation, planes[p])
-        if facing[p] == 0:
-            continue
-        spans = runs(fired, start, middle, below, above)
-        for beam in range(start, end):
-            if not lowest <= elevations[beam, 0] <= highest:
+        cosines, sines = along(beams, beam)
+        if len(beams.aimed):  # else those of one beam are those of all
+            spans = runs(beams, beam, window)
+        for first, last in spans:
+            first &= ~7  # further steps make whole vectors
+            last = min((last + 7) & ~7, steps)
+            if first >= last:
                 continue
-            cosines, sines = along(fired, beam)
-            if len(fired.aimed):  # else those of one beam are those of all
-                spans = runs(fired, beam, middle, below, above)
-            for first, last in spans:
-                first &= ~7  # further steps make whole vectors
-                last = min((last + 7) & ~7, steps)
-                if first >= last:
-                    continue
-                ce, se = elevations[beam, 1], elevations[beam, 2]
-                enter_along(
-                    cosines[first:last], sines[first:last], planes[p], facing[p], ce, se, enter
-                )
-                best = ranges[beam * steps + first : beam * steps + last]
-                which = targets[beam * steps + first : beam * steps + last]
-                for n in range(len(best)):
-                    nearer = enter[n] > best[n]
-                    best[n] = enter[n] if nearer else best[n]
-                    which[n] = p if nearer else which[n]
+            enter_along(cosines[first:last], sines[first:last], planes, facing, ce, se, enter)
+            inverse = inverses[beam * steps + first : beam * steps + last]
+            numbers = parts[beam * steps + first : beam * steps + last]
+            for n in range(len(inverse)):
+                nearer = enter[n] > inverse[n]
+                inverse[n] = enter[n] if nearer else inverse[n]
+                numbers[n] = part if nearer else numbers[n]
 
-    for beam in range(beams):
-        ce, se = elevations[beam, 1], elevations[beam, 2]
-        cosines, sines = along(fired, beam)
+
+@inlined
+def _fill_hits(rays, surfaces, faces, nearest, level, hits):
+    """Turn what every ray meets into hits: range, owner and reflected light."""
+    beams, (facing, planes) = rays.beams, faces
+    (ranges, targets, reflected), (inverses, parts) = hits, nearest
+    _, owner, reflectivity = surfaces
+    steps, high = beams.azimuths.shape[2], _height_over_ground(rays, level)
+    for beam in range(len(beams.elevations)):
+        ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
+        cosines, sines = along(beams, beam)
         for n in range(steps):
             ray = beam * steps + n
-            p, inverse = targets[ray], ranges[ray]
-            if p == NOTHING:
-                ranges[ray], reflected[ray] = np.inf, 0.0
-                continue
-            ranges[ray] = 1.0 / inverse
-            if p == BODY:
-                reflected[ray] = 0.0
-                continue
-            if p == GROUND:
-                reflected[ray] = min(inverse * high, 1.0)
+            part, inverse = parts[ray], inverses[ray]
+            if part < 0:
+                ranges[ray] = np.inf if part == NOTHING else 1.0 / inverse
+                reflected[ray] = min(inverse * high, 1.0) if part == GROUND else 0.0
+                targets[ray] = part
                 continue
             least, cosine = np.inf, 0.0
-            for k in range(facing[p]):
-                a, b = ce * planes[p, k, 0], ce * planes[p, k, 1]
-                c = se * planes[p, k, 2] + planes[p, k, 3]
-                here = a * cosines[n] + b * sines[n] + c
-                cosine = here * planes[p, k, 4] if here < least else cosine
-                least = min(least, here)
-            targets[ray] = owners[p]
-            reflected[ray] = min(cosine, 1.0) * reflectivities[p]
+            for k in range(facing[part]):
+                a, b = ce * planes[part, k, 0], ce * planes[part, k, 1]
+                c = se * planes[part, k, 2] + planes[part, k, 3]
+                inverse_to_plane = a * cosines[n] + b * sines[n] + c
+                nearer = inverse_to_plane < least
+                cosine = inverse_to_plane * planes[part, k, 4] if nearer else cosine
+                least = min(least, inverse_to_plane)
+            ranges[ray], targets[ray] = 1.0 / inverse, owner[part]
+            reflected[ray] = min(cosine, 1.0) * reflectivity[part]

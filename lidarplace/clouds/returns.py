@@ -1,15 +1,16 @@
-"""From hits to points: drop-off, range noise, intensity and the cut to a region.
+"""Points from hits: drop-off, range noise, intensity and the cut to a region.
 
 Random numbers are hashes of seed, frame, LiDAR and ray. So a point does not depend on which frames
 are collected with it, in which order or by how many workers."""
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import inner, njit
+from lidarplace.base.kernel_cache import inlined, inner, njit
 from lidarplace.clouds.ground import CELL_M, Ground
 from lidarplace.clouds.hashed import key_of, stream_of, uniform
 from lidarplace.clouds.raycast import (
@@ -59,20 +60,28 @@ def sample_points(
     (rays or more, 4), in the order of the rays; z is raised by `lift`, metres, before the cut.
     `classes` are those of objects by the number that `hits` have of them, for a correction: what
     has another number is no object to it. `level`: whether the ground is flat, at z = 0."""
-    count, region = 0, np.array(crop, np.float64)
-    codes = WORLD, GROUND, GROUND if level else NOTHING
-    dimmed = ATTENUATION_PER_M + 2.0 * lidar.extinction, lidar.window**2
+    x0, y0, z0, x1, y1, z1 = (float(bound) for bound in crop)
+    region = _Region((x0, y0, z0, x1, y1, z1), float(lift), GROUND if level else NOTHING)
+    dimming = ATTENUATION_PER_M + 2.0 * lidar.extinction, lidar.window**2
     x, y, yaw = ground.pose
-    # Origin of the ego frame in cells of the ground, and its x axis in cells a metre.
-    axis = x / CELL_M, y / CELL_M, math.cos(yaw) / CELL_M, math.sin(yaw) / CELL_M
-    corrected, factors = lidar.correction is not None, np.empty(0)
+    turn = math.cos(yaw) / CELL_M, math.sin(yaw) / CELL_M
+    cells = _GroundCells(ground.reflectivity, x / CELL_M, y / CELL_M, *turn)
+    factors = np.empty(0)
     if lidar.correction is not None:
         factors = lidar.correction.factors_of(classes)
-    noise = float(lidar.range_noise)
+    chance = _Chance(
+        noise=float(lidar.range_noise),
+        drop_off=lidar.drop_off,
+        key=key_of(*key),
+        first_ray=0,
+        corrected=lidar.correction is not None,
+        factors=factors,
+    )
+    count = 0
     for rays, numbers in rays_of(mount, lidar):
-        chance = noise, lidar.drop_off, key_of(*key), numbers.start, corrected, factors
-        where = region, lift, hits.of(numbers), codes, (ground.reflectivity, *axis)
-        count += _sample(*rays, *where, chance, dimmed, points[count:])
+        of_block = chance._replace(first_ray=numbers.start)
+        block_hits = hits.of(numbers)
+        count += _sample(rays, block_hits, region, cells, of_block, dimming, points[count:])
     return count
 
 
@@ -86,10 +95,10 @@ _TAIL_BELOW = (1.0, 0.24197894225, 0.012258202635, 0.0)
 
 
 @inner
-def _ratio(above, below, r):
-    """Quotient of two cubic polynomials."""
-    top = ((above[3] * r + above[2]) * r + above[1]) * r + above[0]
-    return top / (((below[3] * r + below[2]) * r + below[1]) * r + below[0])
+def _ratio(numerator, denominator, r):
+    """Return the quotient of two cubic polynomials."""
+    top = ((numerator[3] * r + numerator[2]) * r + numerator[1]) * r + numerator[0]
+    return top / (((denominator[3] * r + denominator[2]) * r + denominator[1]) * r + denominator[0])
 
 
 @inner
@@ -119,92 +128,166 @@ def _fill_normals(uniforms, count, flank):
         uniforms[n] = centre if abs(q) <= 0.425 else u - math.copysign(2.0, u)
 
 
+class _Region(NamedTuple):
+    """Crop of a cloud: x0, y0, z0, x1, y1, z1, metres; z is raised by `lift` before the cut.
+
+    What hits the `flat` target is at z = 0."""
+
+    crop: tuple[float, float, float, float, float, float]
+    lift: float
+    flat: int
+
+
+class _GroundCells(NamedTuple):
+    """Reflectivity of the ground by cells, and the ego frame in it.
+
+    x, y are its origin in cells, c, s the cosine and sine of its yaw in cells a metre."""
+
+    reflectivity: NDArray[np.float32]
+    x: float
+    y: float
+    c: float
+    s: float
+
+
+class _Chance(NamedTuple):
+    """Losses and errors at random: range noise, drop-off, key, number of the first ray, correction.
+
+    `factors` are those of the correction by object; there is none unless `corrected`."""
+
+    noise: float
+    drop_off: float
+    key: NDArray[np.uint64]
+    first_ray: int
+    corrected: bool
+    factors: NDArray[np.float64]
+
+
+class _Line(NamedTuple):
+    """Directions of a beam, linear in cosine and sine of the azimuth, from a start; metres."""
+
+    x: tuple[float, float, float]
+    y: tuple[float, float, float]
+    z: tuple[float, float, float]
+    start: tuple[float, float, float]
+
+
+@inlined
+def _line_of(rays, beam, lift):
+    """Return the `_Line` of a beam, raised by `lift`."""
+    (origin, r, beams), _ = rays, beam
+    ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
+    x, y = (ce * r[0, 0], ce * r[0, 1], se * r[0, 2]), (ce * r[1, 0], ce * r[1, 1], se * r[1, 2])
+    z = ce * r[2, 0], ce * r[2, 1], se * r[2, 2]
+    return _Line(x, y, z, (origin[0], origin[1], origin[2] + lift))
+
+
+@inlined
+def _toward(axis, cosine, sine):
+    """Return a coordinate of the direction of a ray."""
+    return axis[0] * cosine + axis[1] * sine + axis[2]
+
+
+@inlined
+def _is_within(x, y, z, crop, slack):
+    """Return whether a point is in a crop, grown by `slack`."""
+    within = (x >= crop[0] - slack) & (x <= crop[3] + slack) & (y >= crop[1] - slack)
+    within &= (y <= crop[4] + slack) & (z >= crop[2] - slack) & (z <= crop[5] + slack)
+    return within
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sample(
-    origin, rotation, beams, crop, lift, hits, codes, ground_cells, chance, dimmed, points
-) -> int:
-    """Write the returns within `crop` to `points` and return their number: beam by beam, in short
-    loops over arrays without branches."""
-    faintest, ground, flat = codes  # what is flat is at z = 0
-    elevations = beams.elevations
-    ranges, targets, reflected = hits
-    cells, cell_x, cell_y, cell_c, cell_s = ground_cells
-    range_noise, drop_off, key, start_ray, corrected, factors = chance
-    slack = LARGEST_ERROR * range_noise
-    last_row, last_column = cells.shape[0] - 1, cells.shape[1] - 1
-    stream = stream_of(key)
-    attenuation, window = dimmed
-    steps = beams.azimuths.shape[2]
-    # Not read again from arrays within the loops, which write to others.
-    left, right, near, far = crop[0], crop[3], crop[1], crop[4]
-    floor, roof = crop[2], crop[5]
-    start_x, start_y = origin[0], origin[1]
-    bottom = origin[2] + lift
+def _sample(rays, hits, region, ground, chance, dimming, points) -> int:
+    """Write the returns within a region to `points` and return their number.
+
+    Beam by beam, in short loops over arrays without branches: list the steps that are within the
+    region, or may err into it; drop lost returns; draw errors; write the points."""
+    (ranges, targets, reflected), beams = hits, rays.beams
+    steps, stream = beams.azimuths.shape[2], stream_of(chance.key)
     inside = np.empty(steps, np.bool_)
     # Unsigned indices: numba need not ask whether they count from the end.
-    steps_kept, flank = np.empty(steps, np.uint32), np.empty(steps, np.uint32)
-    errors = np.empty(steps)
+    kept_steps, flank = np.empty(steps, np.uint32), np.empty(steps, np.uint32)
+    errors, lengths = np.empty(steps), np.empty(steps)
     count = 0
-    for beam in range(len(elevations)):
-        ce, se = elevations[beam, 1], elevations[beam, 2]
-        cosines, sines = along(beams, beam)
-        ax, bx, cx = ce * rotation[0, 0], ce * rotation[0, 1], se * rotation[0, 2]
-        ay, by, cy = ce * rotation[1, 0], ce * rotation[1, 1], se * rotation[1, 2]
-        az, bz, cz = ce * rotation[2, 0], ce * rotation[2, 1], se * rotation[2, 2]
-        first = beam * steps
-        distance, target = ranges[first : first + steps], targets[first : first + steps]
-        light = reflected[first : first + steps]
+    for beam in range(len(beams.elevations)):
+        line, azimuths, first = _line_of(rays, beam, region.lift), along(beams, beam), beam * steps
+        cosines, sines = azimuths
+        distances, target = ranges[first : first + steps], targets[first : first + steps]
+        light, of_beam = reflected[first : first + steps], (distances, target)
+        _mark_within(line, azimuths, of_beam, region, chance.noise, inside)
+        number = 0
         for n in range(steps):
-            px = start_x + distance[n] * (ax * cosines[n] + bx * sines[n] + cx)
-            py = start_y + distance[n] * (ay * cosines[n] + by * sines[n] + cy)
-            pz = bottom + distance[n] * (az * cosines[n] + bz * sines[n] + cz)
-            # Rounding must not push the ground out of a crop that starts at z = 0.
-            pz = lift if target[n] == flat else pz
-            within = (px >= left - slack) & (px <= right + slack) & (py >= near - slack)
-            within &= (py <= far + slack) & (pz >= floor - slack) & (pz <= roof + slack)
-            inside[n] = within & (target[n] >= faintest)
-        kept = 0
-        for n in range(steps):
-            steps_kept[kept] = n
-            kept += inside[n]
-        if corrected or drop_off > 0.0:
-            candidates, kept = kept, 0
-            for i in range(candidates):
-                n = steps_kept[i]
-                steps_kept[kept] = n
-                lost, factor, away = drop_off, 1.0, 0.0
-                if corrected:
-                    if 0 <= target[n] < len(factors):
-                        factor, away = factors[target[n]], distance[n]
-                    lost = lost_share(first + n, away, factor, drop_off, beams)
-                kept += uniform(stream, np.uint64(2 * (start_ray + first + n))) > lost
-        if range_noise > 0.0:
-            for i in range(kept):
-                ray = start_ray + first + steps_kept[i]
+            kept_steps[number] = n
+            number += inside[n]
+        if chance.corrected or chance.drop_off > 0.0:
+            number = _drop_lost(beams, first, of_beam, (chance, stream), kept_steps[:number])
+        if chance.noise > 0.0:
+            noise, first_ray = chance.noise, chance.first_ray + first
+            for i in range(number):
+                ray = first_ray + kept_steps[i]
                 errors[i] = uniform(stream, np.uint64(2 * ray + 1))
-            _fill_normals(errors, kept, flank)
+            _fill_normals(errors, number, flank)
+            for i in range(number):
+                errors[i] = max(noise * errors[i], -distances[kept_steps[i]])
+        else:
+            errors[:number] = 0.0
         start = count
-        for i in range(kept):
-            n = steps_kept[i]
-            error = max(range_noise * errors[i], -distance[n]) if range_noise > 0.0 else 0.0
-            length = distance[n] + error
-            px = start_x + length * (ax * cosines[n] + bx * sines[n] + cx)
-            py = start_y + length * (ay * cosines[n] + by * sines[n] + cy)
-            dz = az * cosines[n] + bz * sines[n] + cz
-            pz = lift + error * dz if target[n] == flat else bottom + length * dz
+        for i in range(number):
+            n = kept_steps[i]
+            length, bright = distances[n] + errors[i], light[n]
+            cosine, sine = cosines[n], sines[n]
+            px = line.start[0] + length * _toward(line.x, cosine, sine)
+            py = line.start[1] + length * _toward(line.y, cosine, sine)
+            rise = _toward(line.z, cosine, sine)
+            flat = target[n] == region.flat
+            pz = region.lift + errors[i] * rise if flat else line.start[2] + length * rise
+            if target[n] == GROUND:
+                bright *= _reflectivity_at(ground, px, py)
             points[count, 0], points[count, 1], points[count, 2] = px, py, pz
-            bright = light[n]
-            if target[n] == ground:
-                u = cell_x + cell_c * px - cell_s * py
-                v = cell_y + cell_s * px + cell_c * py
-                row, column = np.int64(math.floor(v)), np.int64(math.floor(u))
-                bright *= cells[row & last_row, column & last_column]
-            points[count, 3] = bright
-            errors[count - start] = length
-            within = (px >= left) & (px <= right) & (py >= near) & (py <= far)
-            within &= (pz >= floor) & (pz <= roof)
-            count += within & returns_light(distance[n], bright, beams)
+            points[count, 3], lengths[count - start] = bright, length
+            within = _is_within(px, py, pz, region.crop, 0.0)
+            count += within & returns_light(distances[n], bright, beams)
         for i in range(count - start):
-            bright = window * points[start + i, 3] * math.exp(-attenuation * errors[i])
+            bright = dimming[1] * points[start + i, 3] * math.exp(-dimming[0] * lengths[i])
             points[start + i, 3] = min(bright, 1.0)
     return count
+
+
+@inlined
+def _mark_within(line, azimuths, hits, region, noise, inside):
+    """Mark the steps of a beam whose hits return light and are in a region, up to their errors."""
+    (cosines, sines), (ranges, targets), slack = azimuths, hits, LARGEST_ERROR * noise
+    for n in range(len(inside)):
+        px = line.start[0] + ranges[n] * _toward(line.x, cosines[n], sines[n])
+        py = line.start[1] + ranges[n] * _toward(line.y, cosines[n], sines[n])
+        pz = line.start[2] + ranges[n] * _toward(line.z, cosines[n], sines[n])
+        # Rounding must not push the ground out of a crop that starts at z = 0.
+        pz = region.lift if targets[n] == region.flat else pz
+        inside[n] = _is_within(px, py, pz, region.crop, slack) & (targets[n] >= WORLD)
+
+
+@inlined
+def _drop_lost(beams, first, hits, chances, steps):
+    """Keep the steps whose returns are not lost, at the front of `steps`; return their number."""
+    (chance, stream), (ranges, targets), factors = chances, hits, chances[0].factors
+    number = 0
+    for i in range(len(steps)):
+        n = steps[i]
+        steps[number] = n
+        lost, factor, distance = chance.drop_off, 1.0, 0.0
+        if chance.corrected:
+            if 0 <= targets[n] < len(factors):
+                factor, distance = factors[targets[n]], ranges[n]
+            lost = lost_share(first + n, distance, factor, chance.drop_off, beams)
+        number += uniform(stream, np.uint64(2 * (chance.first_ray + first + n))) > lost
+    return number
+
+
+@inlined
+def _reflectivity_at(ground, x, y):
+    """Return the reflectivity of the ground at a place of the ego frame."""
+    cells = ground.reflectivity
+    u = ground.x + ground.c * x - ground.s * y
+    v = ground.y + ground.s * x + ground.c * y
+    row, column = np.int64(math.floor(v)), np.int64(math.floor(u))
+    return cells[row & (cells.shape[0] - 1), column & (cells.shape[1] - 1)]

@@ -1,4 +1,4 @@
-"""Where rays of a LiDAR end at other parts of its own rig, the same in every frame."""
+"""Ends of the rays of a LiDAR at other parts of its own rig, equal in every frame."""
 
 import math
 
@@ -15,37 +15,38 @@ from lidarplace.rigs.placement import Mount, Placement
 
 
 def in_view(mount: Mount, lidar: Lidar, housings: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Those of `housings`, without the LiDAR's own, that its rays meet."""
-    each = (ends_of(mount, lidar, housing[None]) for housing in housings)
-    return housings[np.array([len(ends) > 0 for ends in each], np.bool_)]
+    """Return the `housings`, without the LiDAR's own, that its rays meet."""
+    ends = (ends_of(mount, lidar, housing[None]) for housing in housings)
+    return housings[np.array([len(housing_ends) > 0 for housing_ends in ends], np.bool_)]
 
 
 def ends_of(
     mount: Mount, lidar: Lidar, housings: NDArray[np.float64], vehicle: Vehicle | None = None
 ) -> NDArray[np.float64]:
-    """The inverse distance, 1/m, at which each ray of a LiDAR ends at a housing or the vehicle's
-    mesh.
+    """Return inverse distances, 1/m, at which rays end at a housing or the vehicle's mesh.
 
-    0 where it meets none, infinite for a ray that starts inside of a housing; in the order of
-    `Lidar.directions()`, shape (rays,); NO_ENDS if none meets any. `housings` are without the
-    LiDAR's own; boxes of the vehicle are no matter here."""
+    They are 0 where a ray meets none, infinite for a ray that starts inside of a housing; in the
+    order of `Lidar.directions()`, shape (rays,); NO_ENDS if none meets any. `housings` are without
+    the LiDAR's own; boxes of the vehicle do not matter here."""
     mesh = None if vehicle is None else vehicle.mesh
     ends = np.zeros(lidar.rays)
     for rays, numbers in rays_of(mount, lidar):
-        _end_at_housings(*rays, housings, ends[numbers])
+        _end_at_housings(rays, housings, ends[numbers])
         if mesh is not None:
-            _end_at_mesh(*rays, mesh.tree, ends[numbers])
+            _end_at_mesh(rays, mesh.tree, ends[numbers])
     return ends if ends.any() else NO_ENDS
 
 
 def ends_in_rig(placement: Placement, vehicle: Vehicle | None = None) -> list[NDArray[np.float64]]:
-    """`ends_of` every LiDAR of a rig."""
+    """Return `ends_of` every LiDAR of a rig."""
     housings, lidars = housings_in(placement), enumerate(placement.lidars)
-    return [ends_of(placement.mounts[n], own, without(housings, n), vehicle) for n, own in lidars]
+    mounts = placement.mounts
+    return [ends_of(mounts[n], lidar, without(housings, n), vehicle) for n, lidar in lidars]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _end_at_mesh(origin, rotation, beams, tree, ends):
+def _end_at_mesh(rays, tree, ends):
+    origin, rotation, beams = rays
     steps = beams.azimuths.shape[2]
     for beam in range(len(beams.elevations)):
         _, ce, se = beams.elevations[beam]
@@ -59,12 +60,13 @@ def _end_at_mesh(origin, rotation, beams, tree, ends):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _end_at_housings(origin, rotation, beams, housings, ends):
+def _end_at_housings(rays, housings, ends):
+    origin, rotation, beams = rays
     steps = beams.azimuths.shape[2]
     for n in range(len(housings)):
         housing = housings[n]
-        middle, radius = rotation.T @ (housing[1:4] - origin), np.linalg.norm(housing[13:16])
-        away = np.linalg.norm(middle)
+        centre, radius = rotation.T @ (housing[1:4] - origin), np.linalg.norm(housing[13:16])
+        away = np.linalg.norm(centre)
         if away - radius > beams.reach:
             continue
         # Rays that may meet the sphere around it, unless they start in it.
@@ -77,7 +79,7 @@ def _end_at_housings(origin, rotation, beams, housings, ends):
             cosines, sines = along(beams, beam)
             for step in range(steps):
                 x, y = ce * cosines[step], ce * sines[step]
-                if x * middle[0] + y * middle[1] + se * middle[2] >= least:
+                if x * centre[0] + y * centre[1] + se * centre[2] >= least:
                     dx, dy, dz = turned(turn, x, y, se)
                     t = enter_housing(place[0], place[1], place[2], dx, dy, dz, housing)
                     ray = beam * steps + step

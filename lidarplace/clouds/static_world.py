@@ -1,7 +1,12 @@
 """Stop rays at the static world of a log: its cells, and ground that is not flat.
 
-A ray is followed from column to column of blocks of cells and of the ground, which is bilinear. The
-result is that of testing every ray against every cell and every patch of ground.
+`stop_at_world` follows each ray up to what it hits, or to the end of the crop (`first_met`):
+
+1. from column to column, of which most are empty where the ray passes;
+2. down to the ground of a column, which is bilinear (`_meet_patch`);
+3. through the blocks of a column, from cell to cell (`_meet_block`).
+
+The result is that of testing every ray against every cell and every patch of ground.
 
 A cell that stops a share of the rays stops a ray by chance: a hash of cell and ray, so that it is
 the same whenever the ray is cast."""
@@ -13,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import inner, njit
+from lidarplace.base.kernel_cache import inlined, inner, njit
 from lidarplace.clouds.convex import span
 from lidarplace.clouds.hashed import uniform
 from lidarplace.clouds.raycast import EVERYWHERE, GROUND, HAIR, NO_ENDS, Hits, along, cast, rays_of
@@ -71,8 +76,11 @@ class Worlds(NamedTuple):
 
 
 class WorldAround(NamedTuple):
-    """The world in one frame: those of all scenes, which of them, and turn (3, 3) and shift (3,)
-    from the ego frame to metres from the origin of the scene."""
+    """The world in one frame.
+
+    Attributes:
+        worlds, scene: those of all scenes, and which of them.
+        turn, shift: from the ego frame to metres from the origin of the scene, (3, 3) and (3,)."""
 
     worlds: Worlds
     scene: int
@@ -100,7 +108,7 @@ def cast_in_world(
         return hits
     region = np.array(crop, np.float64)
     for rays, numbers in rays_of(mount, lidar):
-        stop_at_world(*rays, *world, region, only_objects, level, hits.of(numbers))
+        stop_at_world(rays, world, region, only_objects, level, hits.of(numbers))
     return hits
 
 
@@ -122,9 +130,9 @@ def worlds_of(worlds: Mapping[str, StaticWorld]) -> Worlds:
         grid = np.full((ni, nj), -1, np.int32)
         grid[i - low[0], j - low[1]] = number + np.arange(len(tiles))
         tiles_of.append(grid.ravel())
-        own = np.full((len(tiles), PATCHES + 1, PATCHES + 1), np.nan, np.float32)
-        own[np.searchsorted(tiles, of_ground)] = world.heights
-        heights.append(own)
+        ground = np.full((len(tiles), PATCHES + 1, PATCHES + 1), np.nan, np.float32)
+        ground[np.searchsorted(tiles, of_ground)] = world.heights
+        heights.append(ground)
         # Columns are numbered through all tiles of all scenes.
         tile, rest = np.divmod(block_keys // _LEVELS, _COLUMNS)
         blocks.append((number + np.searchsorted(tiles, tile)) * _COLUMNS + rest)
@@ -158,7 +166,7 @@ def worlds_of(worlds: Mapping[str, StaticWorld]) -> Worlds:
 def _bounds(
     ground: NDArray[np.float32], columns: NDArray[np.int64], boxes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """As of `Worlds`; `columns` and `boxes` are of its blocks."""
+    """Return `bounds` of `Worlds`; `columns` and `boxes` are of its blocks."""
     ends = [slice(0, PATCHES), slice(1, PATCHES + 1)]
     patches = np.array([ground[:, a, b] for a in ends for b in ends], np.float64)
     corners = np.kron(patches, np.ones((2, 2))).reshape(4, -1)  # of the columns of each patch
@@ -171,7 +179,7 @@ def _bounds(
 
 @njit(cache=True, nogil=True)
 def _blocks(place, cells, edges):
-    """Masks, first cells and boxes of blocks, whose cells are from one of `edges` to the next."""
+    """Return masks, first cells and boxes of blocks: cells from one of `edges` to the next."""
     number = len(edges) - 1
     masks, first_cell = np.zeros((number, BLOCK), np.uint64), np.zeros((number, BLOCK), np.int64)
     boxes = np.empty((number, 9))
@@ -195,7 +203,7 @@ def _blocks(place, cells, edges):
 
 @inner
 def _ones(word):
-    """Number of bits of a word that are set."""
+    """Return the number of bits of a word that are set."""
     word -= (word >> np.uint64(1)) & np.uint64(0x5555555555555555)
     word = (word & np.uint64(0x3333333333333333)) + (
         (word >> np.uint64(2)) & np.uint64(0x3333333333333333)
@@ -206,50 +214,217 @@ def _ones(word):
 
 @inner
 def stops(share, key, ray):
-    """Whether a cell that stops a share of rays, in 1/255, stops this one."""
+    """Return whether a cell that stops a share of rays, in 1/255, stops this one."""
     if share == 255:
         return True
     return 255.0 * uniform(np.uint64(key) * np.uint64(0xD1342543DE82EF95), np.uint64(ray)) < share
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def stop_at_world(rays, around, crop, only_objects, level, hits):
+    """Let rays end at the world, in place, where that is nearer than what they hit.
+
+    `hits` are those of `Rays` without ground, `around` is a `WorldAround`, `crop` as of `cast`,
+    `only_objects` as of `cast_in_world`. `level`: where no ground is known it is flat, as seen from
+    the vehicle."""
+    (origin, rotation_in_ego, beams), (worlds, scene, turn, shift) = rays, around
+    x, y, z = turn @ origin + shift
+    start, rotation = (x, y, z), turn @ rotation_in_ego
+    ranges, targets, reflected = hits
+    steps = beams.azimuths.shape[2]
+    for beam in range(len(beams.elevations)):
+        _, ce, se = beams.elevations[beam]
+        cosines, sines = along(beams, beam)
+        for step in range(steps):
+            ray = beam * steps + step
+            if only_objects and targets[ray] < 0:
+                continue
+            x, y = ce * cosines[step], ce * sines[step]
+            way, way_in_ego = turned(rotation, x, y, se), turned(rotation_in_ego, x, y, se)
+            most = min(ranges[ray], beams.reach)
+            if level and -way_in_ego[2] * most > origin[2] > 0.0:
+                t = -origin[2] / way_in_ego[2]
+                x, y = start[0] + t * way[0], start[1] + t * way[1]
+                if not _ground_is_known(worlds, scene, x, y):
+                    ranges[ray], targets[ray], reflected[ray] = t, GROUND, -way_in_ego[2]
+                    most = t
+            most = _end_in_crop(origin, way_in_ego, crop, most)
+            t, cell, patch = first_met(start, way, most, ray, worlds, scene)
+            if t >= most:
+                continue
+            ranges[ray] = t
+            if cell < 0:
+                x, y = start[0] + t * way[0], start[1] + t * way[1]
+                targets[ray], reflected[ray] = GROUND, _cosine_on_patch(x, y, way, patch)
+            else:
+                targets[ray], reflected[ray] = WORLD, worlds.cells[cell, 7] / 255.0
+
+
+@inlined
+def _ground_is_known(worlds, scene, x, y):
+    """Return whether the world has ground below a place, metres from its origin."""
+    i, j = math.floor(x / _EDGE), math.floor(y / _EDGE)
+    tile = _tile_at(worlds, scene, i, j)
+    return tile >= 0 and _is_known(_patch_below(worlds.heights, tile, i, j))
+
+
+@inlined
+def _end_in_crop(origin, way, crop, most):
+    """Return where a ray leaves the crop, and rounding, at most `most`: beyond all may stay."""
+    for axis in range(3):
+        _, leave = span(origin[axis], way[axis], crop[axis], crop[axis + 3])
+        most = min(most, leave + HAIR)
+    return most
+
+
 @inner
-def _meet_block(ox, oy, oz, dx, dy, dz, b, most, ray, worlds):
-    """Distance at which a ray meets a cell of a block, at most `most`, and the cell; or inf, -1.
+def first_met(start, way, most, ray, worlds, scene):
+    """Return where a ray meets the world first, the cell, -1 for ground, and the patch of ground.
+
+    The distance is `most` if it meets nothing nearer. Start and direction are in the axes of the
+    world, metres from its origin. The ray goes from column to column."""
+    (ox, oy, oz), (dx, dy, dz) = start, way
+    i, j = math.floor(ox / _EDGE), math.floor(oy / _EDGE)
+    si, sj = 1 if dx > 0.0 else -1, 1 if dy > 0.0 else -1
+    ti = ((i + (si > 0)) * _EDGE - ox) / dx if dx != 0.0 else np.inf
+    tj = ((j + (sj > 0)) * _EDGE - oy) / dy if dy != 0.0 else np.inf
+    t = 0.0
+    patch = _NO_PATCH
+    while t < most:
+        tile = _tile_at(worlds, scene, i, j)
+        column = tile * _COLUMNS + i % TILE * TILE + j % TILE
+        leave = min(ti, tj, most)
+        low, high = min(oz + t * dz, oz + leave * dz), max(oz + t * dz, oz + leave * dz)
+        if tile >= 0 and low <= worlds.bounds[column, 1] and high >= worlds.bounds[column, 0]:
+            nearest, cell = most, -1
+            patch = _patch_below(worlds.heights, tile, i, j)
+            if _is_known(patch) and low <= max(patch.h00, patch.h01, patch.h10, patch.h11):
+                nearest = min(_meet_patch(start, way, patch, leave), most)
+            for block in range(worlds.first_block[column], worlds.first_block[column + 1]):
+                if worlds.block_boxes[block, 5] > high or worlds.block_boxes[block, 8] < low:
+                    continue
+                near, met = _meet_block(start, way, block, nearest, ray, worlds)
+                if near < nearest:
+                    nearest, cell = near, met
+            if nearest < most:
+                return nearest, cell, patch
+        t = min(ti, tj)
+        if ti <= tj:
+            i, ti = i + si, ti + abs(_EDGE / dx)
+        else:
+            j, tj = j + sj, tj + abs(_EDGE / dy)
+    return most, -1, patch
+
+
+@inlined
+def _tile_at(worlds, scene, i, j):
+    """Return the row of the tile that holds the column (i, j), -1 if there is none."""
+    grids = worlds.grids
+    ti, tj = i // TILE - grids[scene, 0], j // TILE - grids[scene, 1]
+    if ti < 0 or tj < 0 or ti >= grids[scene, 2] or tj >= grids[scene, 3]:
+        return -1
+    return worlds.tile_of[grids[scene, 4] + ti * grids[scene, 3] + tj]
+
+
+class _Patch(NamedTuple):
+    """A patch of ground: x and y of its corner, heights there, further along y, x, and both."""
+
+    x: float
+    y: float
+    h00: float
+    h01: float
+    h10: float
+    h11: float
+
+
+_NO_PATCH = _Patch(*[math.nan] * 6)
+
+
+@inlined
+def _patch_below(heights, tile, i, j):
+    """Return the patch below the column (i, j), NaN where its ground is unknown."""
+    p, q = i % TILE // 2, j % TILE // 2
+    near = np.float64(heights[tile, p, q]), np.float64(heights[tile, p, q + 1])
+    far = np.float64(heights[tile, p + 1, q]), np.float64(heights[tile, p + 1, q + 1])
+    return _Patch(i // 2 * PATCH_M, j // 2 * PATCH_M, *near, *far)
+
+
+@inlined
+def _is_known(patch):
+    return not math.isnan(patch.h00 + patch.h01 + patch.h10 + patch.h11)
+
+
+@inlined
+def _meet_patch(start, way, patch, most):
+    """Return where a ray comes down to a patch of ground, at most `most`, or inf."""
+    (ox, oy, oz), (dx, dy, dz) = start, way
+    x0, x1 = span(ox, dx, patch.x, patch.x + PATCH_M)
+    y0, y1 = span(oy, dy, patch.y, patch.y + PATCH_M)
+    near, far = max(x0, y0, 0.0), min(x1, y1, most)
+    if near > far:
+        return np.inf
+    u, v = (ox + near * dx - patch.x) / PATCH_M, (oy + near * dy - patch.y) / PATCH_M
+    du, dv = dx / PATCH_M, dy / PATCH_M
+    along_u, along_v = patch.h10 - patch.h00, patch.h01 - patch.h00
+    both = patch.h11 - patch.h10 - along_v
+    # Height above the patch, at `near` and beyond: c + b t + a t².
+    c = oz + near * dz - (patch.h00 + along_u * u + along_v * v + both * u * v)
+    b = dz - (along_u * du + along_v * dv + both * (u * dv + v * du))
+    a = -both * du * dv
+    if c <= 0.0:
+        return near if c >= -_SUNK_M and near > 0.0 else np.inf
+    root = b * b - 4.0 * a * c
+    if root < 0.0 or (b >= 0.0 and a >= 0.0):
+        return np.inf
+    # The smaller positive root, without cancellation.
+    q = math.sqrt(root)
+    t = 2.0 * c / (q - b) if b <= 0.0 else (b + q) / (-2.0 * a)
+    return near + t if near + t <= far else np.inf
+
+
+@inlined
+def _cosine_on_patch(x, y, way, patch):
+    """Return the cosine of incidence on a patch at (x, y)."""
+    u, v = (x - patch.x) / PATCH_M, (y - patch.y) / PATCH_M
+    both = patch.h11 - patch.h10 - patch.h01 + patch.h00
+    hx = (patch.h10 - patch.h00 + both * v) / PATCH_M
+    hy = (patch.h01 - patch.h00 + both * u) / PATCH_M
+    down = hx * way[0] + hy * way[1] - way[2]
+    return min(max(down / math.sqrt(1.0 + hx * hx + hy * hy), 0.0), 1.0)
+
+
+@inlined
+def _meet_block(start, way, block, most, ray, worlds):
+    """Return where a ray meets a cell of a block, at most `most`, and the cell; or inf, -1.
+
     Cells follow each other along the ray, so the first that is met is the nearest."""
-    box = worlds.block_boxes[b]
+    (ox, oy, oz), (dx, dy, dz), box = start, way, worlds.block_boxes[block]
     x0, x1 = span(ox, dx, box[3], box[6])
     y0, y1 = span(oy, dy, box[4], box[7])
     z0, z1 = span(oz, dz, box[5], box[8])
-    start, end = max(x0, y0, z0, 0.0), min(x1, y1, z1, most)
-    if start > end:
+    near, far = max(x0, y0, z0, 0.0), min(x1, y1, z1, most)
+    if near > far:
         return np.inf, -1
     # In cells from the corner of the block.
     x, y, z = (ox - box[0]) / CELL_M, (oy - box[1]) / CELL_M, (oz - box[2]) / CELL_M
     vx, vy, vz = dx / CELL_M, dy / CELL_M, dz / CELL_M
-    i = min(max(math.floor(x + start * vx), 0), BLOCK - 1)
-    j = min(max(math.floor(y + start * vy), 0), BLOCK - 1)
-    k = min(max(math.floor(z + start * vz), 0), BLOCK - 1)
-    si, sj, sk = 1 if vx > 0.0 else -1, 1 if vy > 0.0 else -1, 1 if vz > 0.0 else -1
-    ti = (i + (si > 0) - x) / vx if vx != 0.0 else np.inf
-    tj = (j + (sj > 0) - y) / vy if vy != 0.0 else np.inf
-    tk = (k + (sk > 0) - z) / vz if vz != 0.0 else np.inf
-    wi = abs(1.0 / vx) if vx != 0.0 else np.inf
-    wj = abs(1.0 / vy) if vy != 0.0 else np.inf
-    wk = abs(1.0 / vz) if vz != 0.0 else np.inf
+    i, ti, si, wi = _first_in_block(x, vx, near)
+    j, tj, sj, wj = _first_in_block(y, vy, near)
+    k, tk, sk, wk = _first_in_block(z, vz, near)
     while True:
-        mask = worlds.masks[b, i]
+        mask = worlds.masks[block, i]
         bit = np.uint64(1) << np.uint64(j * BLOCK + k)
         if mask & bit:
-            cell = worlds.first_cell[b, i] + _ones(mask & (bit - np.uint64(1)))
-            own = worlds.cells[cell]
-            x0, x1 = span(x - i, vx, own[0] / 255.0, own[3] / 255.0)
-            y0, y1 = span(y - j, vy, own[1] / 255.0, own[4] / 255.0)
-            z0, z1 = span(z - k, vz, own[2] / 255.0, own[5] / 255.0)
-            near = max(x0, y0, z0)
-            key = worlds.block_keys[b] * 512 + (i * BLOCK + j) * BLOCK + k
-            if 0.0 < near <= min(x1, y1, z1, most) and stops(own[6], key, ray):
-                return near, cell
-        if min(ti, tj, tk) > end:
+            cell = worlds.first_cell[block, i] + _ones(mask & (bit - np.uint64(1)))
+            ends = worlds.cells[cell]
+            x0, x1 = span(x - i, vx, ends[0] / 255.0, ends[3] / 255.0)
+            y0, y1 = span(y - j, vy, ends[1] / 255.0, ends[4] / 255.0)
+            z0, z1 = span(z - k, vz, ends[2] / 255.0, ends[5] / 255.0)
+            enter = max(x0, y0, z0)
+            key = worlds.block_keys[block] * 512 + (i * BLOCK + j) * BLOCK + k
+            if 0.0 < enter <= min(x1, y1, z1, most) and stops(ends[6], key, ray):
+                return enter, cell
+        if min(ti, tj, tk) > far:
             return np.inf, -1
         if ti <= tj and ti <= tk:
             i, ti = i + si, ti + wi
@@ -261,143 +436,12 @@ def _meet_block(ox, oy, oz, dx, dy, dz, b, most, ray, worlds):
             return np.inf, -1
 
 
-@inner
-def _meet_patch(ox, oy, oz, dx, dy, dz, patch, most):
-    """Distance at which a ray comes down to a patch of ground, at most `most`, or inf.
+@inlined
+def _first_in_block(x, v, near):
+    """Return the cell that a ray enters, where it leaves it, its next cell, and the length of one.
 
-    `patch`: x and y of its corner, heights there, further along y, along x, and along both."""
-    x0, x1 = span(ox, dx, patch[0], patch[0] + PATCH_M)
-    y0, y1 = span(oy, dy, patch[1], patch[1] + PATCH_M)
-    start, end = max(x0, y0, 0.0), min(x1, y1, most)
-    if start > end:
-        return np.inf
-    u, v = (ox + start * dx - patch[0]) / PATCH_M, (oy + start * dy - patch[1]) / PATCH_M
-    du, dv = dx / PATCH_M, dy / PATCH_M
-    along_u, along_v = patch[4] - patch[2], patch[3] - patch[2]
-    both = patch[5] - patch[4] - along_v
-    # Height above the patch, at `start` and beyond: c + b t + a t².
-    c = oz + start * dz - (patch[2] + along_u * u + along_v * v + both * u * v)
-    b = dz - (along_u * du + along_v * dv + both * (u * dv + v * du))
-    a = -both * du * dv
-    if c <= 0.0:
-        return start if c >= -_SUNK_M and start > 0.0 else np.inf
-    root = b * b - 4.0 * a * c
-    if root < 0.0 or (b >= 0.0 and a >= 0.0):
-        return np.inf
-    # The smaller positive root, without cancellation.
-    q = math.sqrt(root)
-    t = 2.0 * c / (q - b) if b <= 0.0 else (b + q) / (-2.0 * a)
-    return start + t if start + t <= end else np.inf
-
-
-@inner
-def _slope(x, y, dx, dy, dz, patch):
-    """Cosine of incidence on a patch at (x, y)."""
-    u, v = (x - patch[0]) / PATCH_M, (y - patch[1]) / PATCH_M
-    both = patch[5] - patch[4] - patch[3] + patch[2]
-    hx = (patch[4] - patch[2] + both * v) / PATCH_M
-    hy = (patch[3] - patch[2] + both * u) / PATCH_M
-    return min(max((hx * dx + hy * dy - dz) / math.sqrt(1.0 + hx * hx + hy * hy), 0.0), 1.0)
-
-
-@inner
-def _tile_at(worlds, scene, i, j):
-    """Row of the tile that holds the column (i, j), -1 if there is none."""
-    grids = worlds.grids
-    ti, tj = i // TILE - grids[scene, 0], j // TILE - grids[scene, 1]
-    if ti < 0 or tj < 0 or ti >= grids[scene, 2] or tj >= grids[scene, 3]:
-        return -1
-    return worlds.tile_of[grids[scene, 4] + ti * grids[scene, 3] + tj]
-
-
-@inner
-def _fill_patch(worlds, tile, i, j, patch):
-    """Fill `patch` with that below the column (i, j), see `_meet_patch`; return whether its ground
-    is known."""
-    heights, p, q = worlds.heights, i % TILE // 2, j % TILE // 2
-    patch[0], patch[1] = i // 2 * PATCH_M, j // 2 * PATCH_M
-    patch[2], patch[3] = heights[tile, p, q], heights[tile, p, q + 1]
-    patch[4], patch[5] = heights[tile, p + 1, q], heights[tile, p + 1, q + 1]
-    return not math.isnan(patch[2] + patch[3] + patch[4] + patch[5])
-
-
-@inner
-def first_met(ox, oy, oz, dx, dy, dz, most, ray, worlds, scene, patch):
-    """Distance at which a ray meets the world first, and the cell, -1 for ground; `most` if it
-    meets nothing nearer: from column to column. Start and direction are in the axes of the world,
-    metres from its origin; `patch`, shape (6,), becomes that of the ground."""
-    i, j = math.floor(ox / _EDGE), math.floor(oy / _EDGE)
-    si, sj = 1 if dx > 0.0 else -1, 1 if dy > 0.0 else -1
-    ti = ((i + (si > 0)) * _EDGE - ox) / dx if dx != 0.0 else np.inf
-    tj = ((j + (sj > 0)) * _EDGE - oy) / dy if dy != 0.0 else np.inf
-    t = 0.0
-    while t < most:
-        tile = _tile_at(worlds, scene, i, j)
-        at = tile * _COLUMNS + i % TILE * TILE + j % TILE
-        leave = min(ti, tj, most)
-        low, high = min(oz + t * dz, oz + leave * dz), max(oz + t * dz, oz + leave * dz)
-        if tile >= 0 and low <= worlds.bounds[at, 1] and high >= worlds.bounds[at, 0]:
-            nearest, cell = most, -1
-            if _fill_patch(worlds, tile, i, j, patch) and low <= max(
-                patch[2], patch[3], patch[4], patch[5]
-            ):
-                nearest = min(_meet_patch(ox, oy, oz, dx, dy, dz, patch, leave), most)
-            for block in range(worlds.first_block[at], worlds.first_block[at + 1]):
-                if worlds.block_boxes[block, 5] > high or worlds.block_boxes[block, 8] < low:
-                    continue
-                near, own = _meet_block(ox, oy, oz, dx, dy, dz, block, nearest, ray, worlds)
-                if near < nearest:
-                    nearest, cell = near, own
-            if nearest < most:
-                return nearest, cell
-        t = min(ti, tj)
-        if ti <= tj:
-            i, ti = i + si, ti + abs(_EDGE / dx)
-        else:
-            j, tj = j + sj, tj + abs(_EDGE / dy)
-    return most, -1
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def stop_at_world(
-    place, turn_in_ego, fired, worlds, scene, turn, shift, crop, only_objects, level, hits
-):
-    """Let rays end at the world, in place, where that is nearer than what they hit.
-
-    `place` and `turn_in_ego` are position and rotation of the sensor in the ego frame, `hits` of
-    the `Beams` that are fired, without ground; `worlds` to `shift` as of `WorldAround`, `crop` as
-    of `cast`, `only_objects` as of `cast_in_world`. `level`: where no ground is known it is flat,
-    as seen from the vehicle."""
-    ox, oy, oz = turn @ place + shift
-    rotation, patch = turn @ turn_in_ego, np.empty(6)
-    ranges, targets, reflected = hits
-    steps = fired.azimuths.shape[2]
-    for beam in range(len(fired.elevations)):
-        _, ce, se = fired.elevations[beam]
-        cosines, sines = along(fired, beam)
-        for step in range(steps):
-            ray = beam * steps + step
-            if only_objects and targets[ray] < 0:
-                continue
-            x, y = ce * cosines[step], ce * sines[step]
-            dx, dy, dz = turned(rotation, x, y, se)
-            way = turned(turn_in_ego, x, y, se)
-            most = min(ranges[ray], fired.reach)
-            if level and -way[2] * most > place[2] > 0.0:
-                t = -place[2] / way[2]
-                i, j = math.floor((ox + t * dx) / _EDGE), math.floor((oy + t * dy) / _EDGE)
-                tile = _tile_at(worlds, scene, i, j)
-                if tile < 0 or not _fill_patch(worlds, tile, i, j, patch):
-                    ranges[ray], targets[ray], reflected[ray], most = t, GROUND, -way[2], t
-            for axis in range(3):  # beyond the crop, and rounding, all may stay as it is
-                _, leave = span(place[axis], way[axis], crop[axis], crop[axis + 3])
-                most = min(most, leave + HAIR)
-            t, cell = first_met(ox, oy, oz, dx, dy, dz, most, ray, worlds, scene, patch)
-            if t >= most:
-                continue
-            ranges[ray] = t
-            if cell < 0:
-                slope = _slope(ox + t * dx, oy + t * dy, dx, dy, dz, patch)
-                targets[ray], reflected[ray] = GROUND, slope
-            else:
-                targets[ray], reflected[ray] = WORLD, worlds.cells[cell, 7] / 255.0
+    `x` and `v` are start and direction along an axis, in cells from the corner of the block."""
+    i = min(max(math.floor(x + near * v), 0), BLOCK - 1)
+    up = 1 if v > 0.0 else -1
+    leave = (i + (up > 0) - x) / v if v != 0.0 else np.inf
+    return i, leave, up, abs(1.0 / v) if v != 0.0 else np.inf

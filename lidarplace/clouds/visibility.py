@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 from lidarplace.base.roi import Interval
-from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, shorter_turn, window
+from lidarplace.clouds.convex import (
+    Window,
+    enter_along,
+    fill_corners,
+    fill_planes,
+    shorter_turn,
+    window_of,
+)
+from lidarplace.clouds.raycast import Surfaces
 from lidarplace.clouds.shapes import PANE, Parts
 from lidarplace.clouds.static_world import WorldAround, first_met, worlds_of
 from lidarplace.clouds.surroundings import Surroundings
@@ -31,7 +40,7 @@ numbers are bounds of nuScenes's levels of visibility."""
 
 
 def visibility(log: BoxLog, seed: int = 0) -> NDArray[np.float64]:
-    """Share of each object that an ideal, dense sensor at `VIEWPOINT` sees, in [0, 1].
+    """Return the share of each object that an ideal, dense sensor at `VIEWPOINT` sees, in [0, 1].
 
     Of the rays that meet the object when it is alone, the share that still meets it first among all
     objects and buildings of its frame and the static world of the log. Neither flat ground nor own
@@ -58,106 +67,159 @@ def visible_share(
     grid: tuple[int, int],
     world: WorldAround | None = None,
 ) -> NDArray[np.float64]:
-    """Share of each object that an ideal sensor at `viewpoint`, ego frame, metres, sees past the
-    others, float64, (objects,); `parts` are of one frame, owners of objects below `objects`.
+    """Return the share of each object that an ideal sensor sees past the others, (objects,).
+
+    The sensor is at `viewpoint`, ego frame, metres; `parts` are of one frame, owners of objects
+    below `objects`.
 
     A grid of (azimuths, elevations) rays spans the angles of each object. As of `visibility`; 0 if
     no ray enters it: it is thinner than the grid, or all of it holds the viewpoint."""
     around = world or WorldAround(worlds_of({}), -1, np.eye(3), np.zeros(3))
-    geometry = parts.geometry, parts.owner
-    return _visible_share(np.array(viewpoint), *geometry, objects, *grid, *around)
+    surfaces = Surfaces(parts.geometry, parts.owner, parts.reflectivity)
+    return _visible_share(np.array(viewpoint), surfaces, objects, (grid[1], grid[0]), around)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _visible_share(
-    viewpoint, parts, owners, objects, width, height, worlds, scene, into, shift
-) -> NDArray[np.float64]:
-    number = len(parts)
-    upright = np.eye(3)
-    corners = np.empty((8, 3))
-    planes = np.empty((number, 6, 5))
-    facing = np.empty(number, np.int64)
-    windows = np.empty((number, 7))
-    for p in range(number):
-        fill_corners(parts[p], corners)
-        for n, bound in enumerate(window(corners, viewpoint, upright)):
-            windows[p, n] = bound
-        facing[p] = fill_planes(parts[p], viewpoint, upright, planes[p])
+def _visible_share(viewpoint, surfaces, objects, grid, around) -> NDArray[np.float64]:
+    """Return the visible share of each object.
 
-    eye, patch = into @ viewpoint + shift, np.empty(6)
+    For each object: aim a grid of rays at its window; find where each enters the object when it is
+    alone; take away those that meet another part first, then those that meet the world first."""
+    parts = _seen_parts(viewpoint, surfaces)
+    inverse = np.empty(grid)  # where rays enter the object, 1/m; not positive: they do not
+    eye, memory = around.turn @ viewpoint + around.shift, np.empty(grid[1])
     share = np.zeros(objects)
-    own, other = np.empty((height, width)), np.empty(width)
-    cosines, sines = np.empty(width), np.empty(width)
-    elevations = np.empty((height, 2))
     last = 0
-    for o in range(objects):
+    for number in range(objects):
         first = last
-        while first < number and owners[first] != o:
+        while first < len(parts.facing) and surfaces.owner[first] != number:
             first += 1
         last = first
-        middle = windows[first, 0] if first < number else 0.0
-        below = above = far = 0.0
-        lowest, highest = np.inf, -np.inf
-        while last < number and owners[last] == o:
-            turn = shorter_turn(middle, windows[last, 0])
-            below = max(below, windows[last, 1] - turn)
-            above = max(above, windows[last, 2] + turn)
-            lowest = min(lowest, windows[last, 3])
-            highest = max(highest, windows[last, 4])
-            far = max(far, windows[last, 6])
+        while last < len(parts.facing) and surfaces.owner[last] == number:
             last += 1
-        below, above = min(below, math.pi), min(above, math.pi)
-        for i in range(width):
-            azimuth = middle - below + (below + above) * (i + 0.5) / width
-            cosines[i], sines[i] = math.cos(azimuth), math.sin(azimuth)
-        for j in range(height):
-            elevation = lowest + (highest - lowest) * (j + 0.5) / height
-            elevations[j, 0], elevations[j, 1] = math.cos(elevation), math.sin(elevation)
-        own[:] = 0.0
+        window = _joint_window(parts.windows[first:last])
+        rays = _aimed_rays(window, grid)
+        inverse[:] = 0.0
         for p in range(first, last):
-            if facing[p] == 0:
-                continue
-            for j in range(height):
-                ce, se = elevations[j]
-                enter_along(cosines, sines, planes[p], facing[p], ce, se, other)
-                for i in range(width):
-                    own[j, i] = max(own[j, i], other[i])
-        alone = (own > 0.0).sum()
+            _enter(parts, p, rays, False, memory, inverse)
+        alone = (inverse > 0.0).sum()
         if alone == 0:
             continue
-        for p in range(number):
-            turn = abs(shorter_turn(middle, windows[p, 0]))
-            widths = max(below, above) + max(windows[p, 1], windows[p, 2])
-            if (
-                owners[p] == o
-                or owners[p] == PANE - o
-                or facing[p] == 0
-                or windows[p, 5] > far
-                or turn > widths + 1e-9
-                or windows[p, 3] > highest
-                or windows[p, 4] < lowest
-            ):
-                continue
-            for j in range(height):
-                ce, se = elevations[j]
-                enter_along(cosines, sines, planes[p], facing[p], ce, se, other)
-                for i in range(width):
-                    own[j, i] = own[j, i] if own[j, i] >= other[i] else -1.0
-        for ray in range(height * width if scene >= 0 else 0):
-            j, i = ray // width, ray % width
-            if own[j, i] > 0.0:
-                ce, se = elevations[j]
-                dx, dy, dz = turned(into, ce * cosines[i], ce * sines[i], se)
-                most = 1.0 / own[j, i]
-                place, way = (eye[0], eye[1], eye[2]), (dx, dy, dz)
-                if first_met(*place, *way, most, ray, worlds, scene, patch)[0] < most:
-                    own[j, i] = -1.0
-        share[o] = (own > 0.0).sum() / alone
+        for p in range(len(parts.facing)):
+            owner = surfaces.owner[p]
+            if owner != number and owner != PANE - number and _may_hide(parts.windows[p], window):
+                _enter(parts, p, rays, True, memory, inverse)
+        if around.scene >= 0:
+            _stop_at_world(around, (eye[0], eye[1], eye[2]), rays, inverse)
+        share[number] = (inverse > 0.0).sum() / alone
     return share
 
 
+class _SeenParts(NamedTuple):
+    """Parts as the sensor sees them: rows of `Window`, facing planes, and planes of each."""
+
+    windows: NDArray[np.float64]
+    facing: NDArray[np.int64]
+    planes: NDArray[np.float64]
+
+
+class _Aimed(NamedTuple):
+    """Rays of a grid: cosines and sines of its azimuths and of its elevations."""
+
+    cosines: NDArray[np.float64]
+    sines: NDArray[np.float64]
+    level: NDArray[np.float64]
+    rise: NDArray[np.float64]
+
+
+@inner
+def _seen_parts(viewpoint, surfaces):
+    """Return the parts as they are seen from the viewpoint."""
+    number, upright, corners = len(surfaces.owner), np.eye(3), np.empty((8, 3))
+    windows, facing = np.empty((number, 7)), np.empty(number, np.int64)
+    planes = np.empty((number, 6, 5))
+    for p in range(number):
+        fill_corners(surfaces.geometry[p], corners)
+        for n, bound in enumerate(window_of(corners, viewpoint, upright)):
+            windows[p, n] = bound
+        facing[p] = fill_planes(surfaces.geometry[p], viewpoint, upright, planes[p])
+    return _SeenParts(windows, facing, planes)
+
+
+@inner
+def _joint_window(windows):
+    """Return the `Window` that holds those of all parts of an object."""
+    azimuth = windows[0, 0] if len(windows) else 0.0
+    right = left = farthest = 0.0
+    lowest, highest, nearest = np.inf, -np.inf, np.inf
+    for row in windows:
+        turn = shorter_turn(azimuth, row[0])
+        right, left = max(right, row[1] - turn), max(left, row[2] + turn)
+        lowest, highest = min(lowest, row[3]), max(highest, row[4])
+        nearest, farthest = min(nearest, row[5]), max(farthest, row[6])
+    right, left = min(right, math.pi), min(left, math.pi)
+    return Window(azimuth, right, left, lowest, highest, nearest, farthest)
+
+
+@inner
+def _aimed_rays(window, grid):
+    """Return a grid of rays over the angles of a window."""
+    height, width = grid
+    cosines, sines = np.empty(width), np.empty(width)
+    level, rise = np.empty(height), np.empty(height)
+    for i in range(width):
+        azimuth = window.azimuth - window.right + (window.right + window.left) * (i + 0.5) / width
+        cosines[i], sines[i] = math.cos(azimuth), math.sin(azimuth)
+    for j in range(height):
+        elevation = window.lowest + (window.highest - window.lowest) * (j + 0.5) / height
+        level[j], rise[j] = math.cos(elevation), math.sin(elevation)
+    return _Aimed(cosines, sines, level, rise)
+
+
+@inner
+def _enter(parts, p, rays, hides, memory, inverse):
+    """Let rays enter a part: it is one of the object, or it hides what is behind."""
+    facing, planes, (cosines, sines, level, rise) = parts.facing[p], parts.planes[p], rays
+    for j in range(len(level) if facing > 0 else 0):
+        enter_along(cosines, sines, planes, facing, level[j], rise[j], memory)
+        entered = inverse[j]
+        if hides:
+            for i in range(len(memory)):
+                entered[i] = entered[i] if entered[i] >= memory[i] else -1.0
+        else:
+            for i in range(len(memory)):
+                entered[i] = max(entered[i], memory[i])
+
+
+@inner
+def _may_hide(row, window):
+    """Return whether a part, by its row of `Window`, may be before an object with this window."""
+    turn = abs(shorter_turn(window.azimuth, row[0]))
+    widths = max(window.right, window.left) + max(row[1], row[2])
+    return (
+        row[5] <= window.farthest
+        and turn <= widths + 1e-9
+        and row[3] <= window.highest
+        and row[4] >= window.lowest
+    )
+
+
+@inner
+def _stop_at_world(around, eye, rays, inverse):
+    """Let rays stop that meet the world before the object."""
+    width = len(rays.cosines)
+    for j in range(len(rays.level)):
+        ce, se = rays.level[j], rays.rise[j]
+        for i in range(width):
+            if inverse[j, i] > 0.0:
+                way = turned(around.turn, ce * rays.cosines[i], ce * rays.sines[i], se)
+                most, ray = 1.0 / inverse[j, i], j * width + i
+                if first_met(eye, way, most, ray, around.worlds, around.scene)[0] < most:
+                    inverse[j, i] = -1.0
+
+
 def occluded(share: NDArray[np.float64]) -> NDArray[np.int64]:
-    """KITTI's levels 0 to 3 of visible shares; see `OCCLUDED`."""
+    """Return KITTI's levels 0 to 3 of visible shares; see `OCCLUDED`."""
     full, partly = OCCLUDED
     return np.select([share >= full, share >= partly, share > 0], [0, 1, 2], 3)
 
@@ -165,7 +227,7 @@ def occluded(share: NDArray[np.float64]) -> NDArray[np.int64]:
 def ground_truth(
     log: BoxLog, x: Interval, y: Interval, z: Interval, seed: int = 0, by_points: bool = False
 ) -> pd.DataFrame:
-    """The objects that count: centre in the ROI x, y, z, faces included, and visible.
+    """Return the objects that count: centre in the ROI x, y, z, faces included, and visible.
 
     Rows of `log.boxes` without counts of real points and with three columns more: `visibility`, the
     share seen; `occluded`, KITTI's level of it; `truncated`, the share of the footprint outside the

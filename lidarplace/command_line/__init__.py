@@ -1,1 +1,1 @@
-"""What commands share: help and mistakes, options, and text in a terminal."""
+"""Parts that commands share: help and mistakes, options, and text in a terminal."""

@@ -15,10 +15,12 @@ def with_option_group(*left_out: str) -> Callable[[Callable[..., None]], Callabl
 
     def decorated(command: Callable[..., None]) -> Callable[..., None]:
         parameters = dict(inspect.signature(command, eval_str=True).parameters)
-        (name,) = [name for name, own in parameters.items() if is_dataclass(own.annotation)]
+        (name,) = [
+            name for name, parameter in parameters.items() if is_dataclass(parameter.annotation)
+        ]
         group: Any = parameters.pop(name).annotation
         fields = inspect.signature(group, eval_str=True).parameters
-        options = {field: own for field, own in fields.items() if field not in left_out}
+        options = {field: option for field, option in fields.items() if field not in left_out}
 
         @wraps(command)
         def call(**values: Any) -> None:
@@ -27,7 +29,9 @@ def with_option_group(*left_out: str) -> Callable[[Callable[..., None]], Callabl
 
         signature = inspect.Signature([*parameters.values(), *options.values()])
         call.__signature__ = signature  # type: ignore[attr-defined]
-        call.__annotations__ = {own.name: own.annotation for own in signature.parameters.values()}
+        call.__annotations__ = {
+            parameter.name: parameter.annotation for parameter in signature.parameters.values()
+        }
         return call
 
     return decorated

@@ -26,14 +26,14 @@ RoiOption = Annotated[
     typer.Option("--roi", help="x0 x1 y0 y1 z0 z1, ego frame, m"),
 ]
 FRONT_ROI = (0.0, 40.0, -20.0, 20.0, 0.0, 4.0)
-"""The half of the paper's region of interest that its experiments use."""
+"""Half of the paper's region of interest that its experiments use."""
 
 
 def crop_of(roi: Sequence[float]) -> Crop:
-    """The region that `--roi` names. Raises ValueError if it is empty or endless."""
+    """Return the region of `--roi`. Raises ValueError if it is empty or endless."""
     x0, x1, y0, y1, z0, z1 = roi
     for axis, low, high in (("x", x0, x1), ("y", y0, y1), ("z", z0, z1)):
         if not -1e4 <= low < high <= 1e4:  # NaN is refused too
-            allowed, found = "min < max within ±10,000 m", f"{low:g} {high:g}"
-            raise InputError(place="--roi", key=axis, expected=allowed, found=found)
+            allowed, ends = "min < max within ±10,000 m", f"{low:g} {high:g}"
+            raise InputError(place="--roi", key=axis, expected=allowed, found=ends)
     return x0, y0, z0, x1, y1, z1

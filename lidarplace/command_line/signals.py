@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM, by which Slurm and Kubernetes end programs, stop the work of a command."""
+"""Stop of a command by Ctrl-C or SIGTERM, by which Slurm and Kubernetes end programs."""
 
 import signal
 import threading
@@ -21,10 +21,12 @@ _RAISED = {signal.SIGINT: Interrupted, signal.SIGTERM: Terminated}
 
 
 class _Stop:
-    """Raises the first signal as an exception. A second one must not interrupt the clean-up. Python
-    swallows what is raised in `__del__` or in a weakref callback, and a library may swallow it
-    anywhere: then nothing refers to the exception. An alarm looks for that and raises it again. A
-    second signal after one that is lost or held, and any third, ends the process for certain."""
+    """Raiser of the first signal as an exception, which survives libraries that swallow it.
+
+    A second signal must not interrupt the clean-up. Python swallows what is raised in `__del__` or
+    in a weakref callback, and a library may swallow it anywhere: then nothing refers to the
+    exception. An alarm looks for that and raises it again. A second signal after one that is lost
+    or held, and any third, ends the process for certain."""
 
     def __init__(self) -> None:
         self.held = False  # whether nothing is raised for now
@@ -44,7 +46,7 @@ class _Stop:
             raise self._new()
 
     def _new(self) -> KeyboardInterrupt:
-        """An exception to which no frame of its traceback refers."""
+        """Return an exception to which no frame of its traceback refers."""
         stop = _RAISED[signal.Signals(self._came[0])]()
         self._raised = weakref.ref(stop)
         return stop
@@ -62,7 +64,8 @@ _stop: _Stop | None = None
 
 @contextmanager
 def stopped_by_signals() -> Iterator[None]:
-    """SIGTERM raises Terminated and Ctrl-C Interrupted in the block, in the main thread.
+    """Raise Terminated for SIGTERM and Interrupted for Ctrl-C in the block, in the main thread.
+
     Within such a block another one takes the signals back from a library with its own handlers."""
     global _stop
     if threading.current_thread() is not threading.main_thread():
@@ -86,7 +89,8 @@ def stopped_by_signals() -> Iterator[None]:
 
 @contextmanager
 def signals_held() -> Iterator[None]:
-    """A first Ctrl-C in the block is raised at its end, a second one ends the process.
+    """Raise a first Ctrl-C in the block at its end; a second one ends the process.
+
     For native code that crashes the process if it is left half-way."""
     stop = _stop if threading.current_thread() is threading.main_thread() else None
     stop = stop or _Stop()
@@ -99,5 +103,5 @@ def signals_held() -> Iterator[None]:
 
 
 def exit_code_of(stop: KeyboardInterrupt) -> int:
-    """The exit code of a program that a signal ended."""
+    """Return the exit code of a program that a signal ended."""
     return 128 + (signal.SIGTERM if isinstance(stop, Terminated) else signal.SIGINT)

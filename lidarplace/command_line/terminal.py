@@ -1,4 +1,4 @@
-"""Where text meets the terminal: names are shown as they are, and nothing in them is obeyed."""
+"""Text in the terminal: names are printed as they are, and nothing in them is obeyed."""
 
 import sys
 from collections.abc import Collection, Iterable, Sequence
@@ -13,7 +13,7 @@ _NO_WIDTH = 100_000
 
 
 def visible(text: str) -> str:
-    """Text with what cannot be printed escaped, and control characters except lines and tabs."""
+    """Return text with what cannot be printed escaped, control characters but lines and tabs."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in "\n\t" else _written(c) for c in text)
@@ -25,29 +25,29 @@ def _written(character: str) -> str:
 
 
 def say(text: object, file: TextIO | None = None) -> None:
-    """Print a text, on stdout unless it says else."""
+    """Print a text, on stdout by default."""
     print(visible(str(text)), file=file or sys.stdout)
 
 
 class Terminal(Console):
-    """A console for which `[x]` is no style, `:x:` no picture, 1.5 no colour: styles are given."""
+    """A console for which `[x]` is no style, `:x:` no picture, 1.5 no colour."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(markup=False, emoji=False, highlight=False, **settings)
 
     def render_str(self, text: str, **settings: Any) -> Text:
-        """A text with a style, as cells, titles and lines are made of."""
+        """Return a text with a style, as cells, titles and lines are made of."""
         return super().render_str(visible(text), **settings)
 
     def render(self, renderable: Any, options: Any = None) -> Iterable[Segment]:
-        """What is printed; elsewhere than in a terminal, tables are columns of text alone."""
+        """Render; elsewhere than in a terminal, tables are columns of text alone."""
         if isinstance(renderable, Table) and not self.is_terminal:
             renderable.box, renderable.pad_edge, renderable.title_justify = None, False, "left"
         return super().render(renderable, options)
 
 
 def output() -> Terminal:
-    """Where tables are printed. A file has no width: a row and a message are one line each."""
+    """Return the console for tables. A file has no width: a row and a message are one line each."""
     return Terminal() if sys.stdout.isatty() else Terminal(width=_NO_WIDTH)
 
 
@@ -57,11 +57,11 @@ def table(
     rows: Iterable[Iterable[object]] = (),
     words: Collection[str] = (),
 ) -> Table:
-    """A table with numbers to the right, but for the first column and those named in `words`."""
-    shown = Table(title=title)
+    """Return a table with numbers to the right, but for the first column and those in `words`."""
+    formatted = Table(title=title)
     for name in head:
         left = name == head[0] or name in words
-        shown.add_column(name, justify="left" if left else "right")
+        formatted.add_column(name, justify="left" if left else "right")
     for row in rows:
-        shown.add_row(*map(str, row))
-    return shown
+        formatted.add_row(*map(str, row))
+    return formatted

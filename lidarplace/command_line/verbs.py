@@ -1,4 +1,4 @@
-"""What commands share: help with an example and exit codes, options, one line for a mistake."""
+"""Parts of all commands: help with an example and exit codes, one line for a mistake."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ T = TypeVar("T")
 
 _LONGEST_MESSAGE = 900
 _UsageError: Any = typer.BadParameter.__mro__[1]
-"""Of click, which typer has in another module with every version."""
+"""Base of click's errors of usage, which typer has in another module with every version."""
 
 
 class Verb(TyperCommand):
-    """A command that ends without a traceback: by Ctrl-C, SIGTERM, a missing package, …"""
+    """A command that ends without a traceback: by Ctrl-C, SIGTERM, a missing package."""
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
@@ -63,9 +63,9 @@ class Verb(TyperCommand):
             print("\nStopped.", file=sys.stderr)
             raise typer.Exit(exit_code_of(stop)) from None
         except ModuleNotFoundError as error:
-            if (told := needs(error)) is None:
+            if (remedy := needs(error)) is None:
                 raise
-            wrong(f"{ctx.command_path}: {told}")
+            wrong(f"{ctx.command_path}: {remedy}")
         return result
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
@@ -74,12 +74,12 @@ class Verb(TyperCommand):
 
 
 def _type_of_items(display_type: Callable[[Any], str], ctx: Any) -> str:
-    """The type of an option in its help: `<path>` for typer's `<list[Path]>`."""
+    """Return the type of an option in its help: `<path>` for typer's `<list[Path]>`."""
     return re.sub(r"list\[(\w+)\]", lambda item: item[1].lower(), display_type(ctx))
 
 
 def new_app(**settings: Any) -> typer.Typer:
-    """An app in the style of all commands: plain text, no traceback in colours."""
+    """Return an app in the style of all commands: plain text, no traceback in colours."""
     return typer.Typer(
         add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, **settings
     )
@@ -89,6 +89,7 @@ def verb(
     app: typer.Typer, *examples: str, failed: str | None = None, name: str | None = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a function a command of `app`, by default of its name.
+
     The help shows `examples` of arguments, and what exit code 1 means if the command has it."""
     lines = ["", f"Example{'s' if len(examples) > 1 else ''}:"]
     lines += [f"  {{command}} {example}".rstrip() for example in examples]
@@ -103,7 +104,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="print JSON for a scrip
 
 
 def within(allowed: Range) -> Callable[[typer.CallbackParam, Any], Any]:
-    """A callback of an option whose numbers must be in a range: one line if they are not."""
+    """Return a callback of an option that rejects numbers outside of a range in one line."""
 
     def check(param: typer.CallbackParam, value: Any) -> Any:
         for number in value if isinstance(value, list | tuple) else (value,):
@@ -116,7 +117,7 @@ def within(allowed: Range) -> Callable[[typer.CallbackParam, Any], Any]:
 
 
 def known(option: str, name: str, choices: Mapping[str, T]) -> T:
-    """The choice of that name. Raises ValueError that lists the names."""
+    """Return the choice of that name. Raises ValueError that lists the names."""
     if name not in choices:
         allowed = f"one of {', '.join(choices)}"
         raise InputError(place=f"--{option}", expected=allowed, found=name)
@@ -125,7 +126,7 @@ def known(option: str, name: str, choices: Mapping[str, T]) -> T:
 
 @contextmanager
 def checked_input() -> Iterator[None]:
-    """`wrong` for the errors that the user's input raises in the block."""
+    """Call `wrong` for errors that the user's input raises in the block."""
     try:
         yield
     except (ValueError, OSError) as error:

@@ -178,8 +178,8 @@ class CommonViewSettings(Settings):
             raise InputError(expected="all, chain or pairs of two LiDARs, such as [[1, 2], [2, 3]]")
         return pairs
 
-    def asked(self) -> CommonView:
-        """Build the requirement."""
+    def view(self) -> CommonView:
+        """Return the common view in the terms of `lidarplace`."""
         if isinstance(self.pairs, str):
             return CommonView("all" if self.pairs == "all" else "chain", self.share, self.range)
         pairs = tuple((min(pair) - 1, max(pair) - 1) for pair in self.pairs)
@@ -206,7 +206,7 @@ class LimitSettings(Settings):
         self, body: Vehicle, keep_out: NDArray[np.float64], zones: Sequence[Zone] = ()
     ) -> Limits:
         """Return the limits of mounting; arguments as in `Limits`."""
-        common = None if self.common_view is None else self.common_view.asked()
+        common = None if self.common_view is None else self.common_view.view()
         return Limits(zones, body, keep_out, self.distance, self.body_share, common, self.facing)
 
 

@@ -14,12 +14,13 @@ from lidarplace.files.atomic import reading
 from lidarplace.files.regular import regular
 
 _DAMAGED = (ValueError, EOFError, tokenize.TokenError)
-"""What NumPy raises for an array that is none; the last for a header taken for an old one."""
+"""Errors of NumPy for what is no array; the last for a header taken for an old one."""
 _DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, NotImplementedError, AttributeError, TypeError)
 
 
 def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = False) -> NDArray[Any]:
-    """The array in a `.npy` file, which stays on the disk until it is used if `mapped`.
+    """Read the array in a `.npy` file, which stays on the disk until it is used if `mapped`.
+
     Raises OSError: the file cannot be read; ValueError: no array of that dtype and ndim."""
     try:
         array = np.load(regular(path), mmap_mode="r" if mapped else None, allow_pickle=False)
@@ -31,7 +32,8 @@ def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = Fals
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays in a `.npz` file by name, in the order of the file.
+    """Read the arrays in a `.npz` file by name, in the order of the file.
+
     Raises ValueError: the file cannot be read, has another format, or is damaged."""
     with reading(path, "a file of arrays, or a damaged one", *_DAMAGED, *_DAMAGED_ZIP):
         arrays = np.load(regular(path), allow_pickle=False)

@@ -16,7 +16,7 @@ from lidarplace.files.regular import regular
 
 
 def read_text(path: Path) -> str:
-    """The text of a file. Raises OSError: it cannot be read; ValueError: it is not UTF-8."""
+    """Read the text of a file. Raises OSError: it cannot be read; ValueError: it is not UTF-8."""
     try:
         return regular(path).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
@@ -25,8 +25,9 @@ def read_text(path: Path) -> str:
 
 @contextmanager
 def reading(path: Path, kind: str = "", *errors: type[Exception]) -> Iterator[None]:
-    """Raise InputError that names `path` for an OSError of the block that reads it, and for
-    `errors`, which mean that it is not of that kind."""
+    """Raise InputError that names `path` for an OSError of the block that reads it.
+
+    Also for `errors`, which mean that the file is not of that kind."""
     try:
         yield
     except errors as error:
@@ -38,7 +39,7 @@ def reading(path: Path, kind: str = "", *errors: type[Exception]) -> Iterator[No
 
 
 def first_line(error: Exception) -> str:
-    """Why a library could not go on, without what it says about itself in further lines."""
+    """Return a library's reason for a failure, without further lines about itself."""
     if isinstance(error, UnicodeDecodeError):
         return f"byte {error.start} is not UTF-8"
     if isinstance(error, KeyError):
@@ -49,7 +50,8 @@ def first_line(error: Exception) -> str:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path next to `path`, for a file or a folder, which takes its place at the end.
+    """Yield a temporary path next to `path`, a file or a folder, that takes its place at the end.
+
     Raises OSError: `path` is a device, a pipe or a socket, which stays."""
     check_replaceable(path)
     partial = temporary(path)
@@ -72,14 +74,15 @@ def write_text(path: Path, text: str) -> None:
 
 
 def temporary(path: Path) -> Path:
-    """A hidden name next to `path` that no other process uses, on any host of a shared disk."""
+    """Return a hidden name next to `path` that no other process uses, on any host."""
     return path.with_name(f".{path.name}.{unique()}.part")
 
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Raise the errors of a full disk again with the file, the disk and the room on it, and those
-    of a temporary file with the file that it stands for."""
+    """Raise errors of a full disk again with the file, the disk and the room on it.
+
+    Also those of a temporary file, with the file that it stands for."""
     try:
         yield
     except OSError as error:
@@ -101,24 +104,28 @@ def check_replaceable(path: Path) -> None:
 
 
 def check_takes_files(folder: Path) -> Path:
-    """`folder`, or the one above it in which it would be made; raises OSError if it takes no file.
-    Leaves nothing behind."""
+    """Return `folder`, or the one above it in which it would be made; leave nothing behind.
+
+    Raises OSError if it takes no file."""
     try:
-        there = next(p for p in (folder, *folder.parents) if p.is_symlink() or p.exists())
-        tempfile.TemporaryFile(dir=there).close()
+        existing = next(p for p in (folder, *folder.parents) if p.is_symlink() or p.exists())
+        tempfile.TemporaryFile(dir=existing).close()
     except OSError as error:
         reason = f"cannot be written: {error.strerror}"
         raise OSError(error.errno, reason, str(folder)) from None
-    return there
+    return existing
 
 
 def remove_leftovers(folder: Path, pattern: str = ".*.part*") -> None:
-    """Remove what processes of this host were writing into a folder when they were killed. What a
-    running process writes stays, and what another host of a shared disk wrote."""
-    own = re.compile(rf"\..+\.{re.escape(socket.gethostname())}-(\d+)-[0-9a-f]{{8}}\.part(-\w+)?")
+    """Remove what processes of this host were writing into a folder when they were killed.
+
+    What a running process writes stays, and what another host of a shared disk wrote."""
+    of_host = re.compile(
+        rf"\..+\.{re.escape(socket.gethostname())}-(\d+)-[0-9a-f]{{8}}\.part(-\w+)?"
+    )
     for path in list(folder.glob(pattern)):
-        found = own.fullmatch(path.name)
-        if found is None or _runs(int(found[1])):
+        match = of_host.fullmatch(path.name)
+        if match is None or _runs(int(match[1])):
             continue
         if path.is_dir():
             shutil.rmtree(path, ignore_errors=True)
@@ -127,7 +134,7 @@ def remove_leftovers(folder: Path, pattern: str = ".*.part*") -> None:
 
 
 def _runs(process: int) -> bool:
-    """Whether a process of this host has that number, which may be another one's by now."""
+    """Return whether a process of this host has that number, which may be another one's by now."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:
@@ -138,13 +145,15 @@ def _runs(process: int) -> bool:
 
 
 def unique() -> str:
-    """A unique name with the host and the process."""
+    """Return a unique name with the host and the process."""
     return f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
 
 
 def sync(path: Path) -> None:
-    """Wait until a file, or the list of names in a folder, is on the disk. Without it a machine
-    that loses power can keep a later rename and lose what was written before."""
+    """Wait until a file, or the list of names in a folder, is on the disk.
+
+    Without it a machine that loses power can keep a later rename and lose what was written
+    before."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

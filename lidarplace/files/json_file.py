@@ -11,7 +11,7 @@ from lidarplace.files.regular import regular
 
 
 def read_json(path: Path, object_hook: Callable[[dict[str, Any]], Any] | None = None) -> Any:
-    """The content of a JSON file, see `json.load`. Raises ValueError that names file and line."""
+    """Read a JSON file, see `json.load`. Raises ValueError that names file and line."""
     with reading(path), at(path):
         try:
             with regular(path).open(encoding="utf-8-sig") as file:

@@ -9,25 +9,27 @@ _KINDS = {"p": "a FIFO", "s": "a socket", "c": "a device", "b": "a device"}
 
 
 def regular(path: Path) -> Path:
-    """`path`, which leads to a regular file; every reader of files opens what this returns.
+    """Return `path`, which leads to a regular file; every reader of files opens what this returns.
+
     Raises OSError: it leads to nothing, a folder, a FIFO, a socket or a device; names the file."""
     mode = path.stat().st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(mode):
-        found = _KINDS[stat.filemode(mode)[0]]
-        raise OSError(errno.EINVAL, f"expected a regular file, found {found}", str(path))
+        kind = _KINDS[stat.filemode(mode)[0]]
+        raise OSError(errno.EINVAL, f"expected a regular file, found {kind}", str(path))
     return path
 
 
 def files_in(folder: Path) -> list[Path]:
-    """Paths in a folder, sorted, without hidden ones: on foreign disks macOS adds a file `._NAME`
-    to each file. Raises OSError."""
+    """Return paths in a folder, sorted, without hidden ones. Raises OSError.
+
+    On foreign disks macOS adds a file `._NAME` to each file."""
     return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
 
 
 def is_there(path: Path) -> bool:
-    """Whether its folder has that name, maybe as a link that leads nowhere. Raises OSError."""
+    """Return whether its folder has that name, maybe as a dangling link. Raises OSError."""
     try:
         path.lstat()
     except FileNotFoundError:

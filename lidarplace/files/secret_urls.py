@@ -1,4 +1,4 @@
-"""Passwords and tokens in addresses stay in the process: what is written or said has *** there."""
+"""Secrets in addresses, which stay in the process: what is written or printed has *** instead."""
 
 import re
 from collections.abc import Sequence
@@ -26,11 +26,12 @@ _TOKEN = re.compile(
     r"(?<![A-Za-z0-9])(?:hf_|gh[opsu]_|github_pat_|glpat-|sk-|xox[a-z]-|AKIA|eyJ)[\w.-]{12,}"
 )
 _SHORTEST = 4
-"""Characters of a secret that is looked for by itself: shorter ones are parts of other words."""
+"""Least characters of a secret to look for by itself: shorter ones are parts of other words."""
 
 
 def hide_secrets(text: str, *urls: str | None) -> str:
-    """`text` with *** for the password of every address in it, and for tokens of its query.
+    """Return `text` with *** for the password of every address in it, and for tokens of its query.
+
     `urls` are addresses whose secrets the text may hold by themselves, or in spaces."""
     for url in filter(None, urls):
         for secret in secrets_in(url):
@@ -42,12 +43,12 @@ def hide_secrets(text: str, *urls: str | None) -> str:
 
 
 def public_url(url: str) -> str:
-    """An address without its secrets, whatever is in them."""
+    """Return an address without its secrets, whatever is in them."""
     return hide_secrets(url, url)
 
 
 def hide_secrets_in(value: Any) -> Any:
-    """Plain data, such as a configuration, with `public_url` for every text in it."""
+    """Return plain data, such as a configuration, with `public_url` for every text in it."""
     if isinstance(value, str):
         return public_url(value)
     if isinstance(value, dict):
@@ -58,14 +59,15 @@ def hide_secrets_in(value: Any) -> Any:
 
 
 def secrets_in(url: str) -> list[str]:
-    """The password and the tokens of one address, which may have spaces in them."""
-    found = re.findall(r"://[^:/@]*:(.*)@", url) + [m[2] for m in _TOKEN_AS_USER.finditer(url)]
-    return [secret for secret in found + [m[2] for m in _QUERY.finditer(url)] if secret]
+    """Return the password and the tokens of one address, which may have spaces in them."""
+    secrets = re.findall(r"://[^:/@]*:(.*)@", url) + [m[2] for m in _TOKEN_AS_USER.finditer(url)]
+    return [secret for secret in secrets + [m[2] for m in _QUERY.finditer(url)] if secret]
 
 
 def secret_argument(words: Sequence[str]) -> str | None:
-    """The option, the variable or the beginning of the word of a command that looks like a secret:
-    `--api-key …`, `HF_TOKEN=…`, `ghp_…`; None if there is none."""
+    """Return the option, variable or beginning of a word of a command that looks like a secret.
+
+    Such as `--api-key …`, `HF_TOKEN=…`, `ghp_…`; None if there is none."""
     for word, following in zip(words, [*words[1:], ""], strict=True):
         name, equals, value = word.partition("=")
         value = value if equals else following if word.startswith("-") else ""

@@ -1,4 +1,4 @@
-"""Tables from files, what is wrong with one being a line that names it, and CSV to files."""
+"""Tables from files, where what is wrong with one is a line that names it, and CSV to files."""
 
 import re
 from collections.abc import Sequence
@@ -19,8 +19,10 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def read_parquet(path: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
-    """The table in a Parquet file, or its rows of these frames; others are never all in memory.
-    Raises ValueError: the file cannot be read, or has another format."""
+    """Read the table in a Parquet file, or its rows of these frames.
+
+    Other rows are never all in memory. Raises ValueError: the file cannot be read, or has another
+    format."""
     # Whatever type the column has: numbers stored as text are checked later.
     rows = None if frames is None else pc.field("frame").cast("int64").isin(frames)
     # Of pandas: what it notes of a table in the file is JSON, and can be damaged as well.
@@ -32,9 +34,11 @@ def read_parquet(path: Path, frames: Sequence[int] | None = None) -> pd.DataFram
 
 
 def read_csv(path: Path, **options: Any) -> pd.DataFrame:
-    """The table in a CSV file; `options` are of `pandas.read_csv`. Commas, semicolons or tabs
-    separate columns, whichever the first line has most of. With the last two a number may have a
-    decimal comma. Raises ValueError: it cannot be read, or is not a table."""
+    """Read the table in a CSV file; `options` are of `pandas.read_csv`.
+
+    Commas, semicolons or tabs separate columns, whichever the first line has most of. With the last
+    two a number may have a decimal comma. Raises ValueError: it cannot be read, or is not a
+    table."""
     # ValueError has the subclasses ParserError and EmptyDataError.
     with reading(path, "a CSV file", ValueError), regular(path).open("rb") as file:
         head = re.sub(rb'"[^"]*"', b"", file.readline()).decode("latin-1")
@@ -58,15 +62,16 @@ def _has_decimal_commas(table: pd.DataFrame) -> bool:
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
-    """Write `table` without its index, see `replacing`. Texts, heads included, that a spreadsheet
-    would take for formulas have an apostrophe in front, with which spreadsheets mark texts. Numbers
-    are as they are."""
-    shown = table.rename(columns=_as_text)
+    """Write `table` without its index, see `replacing`.
+
+    Texts, heads included, that a spreadsheet would take for formulas have an apostrophe in front,
+    with which spreadsheets mark texts. Numbers are as they are."""
+    escaped = table.rename(columns=_as_text)
     for i, kind in enumerate(table.dtypes):
         if not pd.api.types.is_numeric_dtype(kind):
-            shown.isetitem(i, shown.iloc[:, i].astype(object).map(_as_text).to_numpy())
+            escaped.isetitem(i, escaped.iloc[:, i].astype(object).map(_as_text).to_numpy())
     with replacing(path) as partial:
-        shown.to_csv(partial, index=False)
+        escaped.to_csv(partial, index=False)
 
 
 def _as_text(cell: object) -> object:
@@ -74,10 +79,11 @@ def _as_text(cell: object) -> object:
 
 
 def read_feather(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> pd.DataFrame:
-    """These columns of the table in a Feather file, and those of `optional` that it has.
+    """Read columns of the table in a Feather file, and those of `optional` that it has.
+
     Raises ValueError: the file cannot be read, has another format, or lacks a column."""
     with reading(path, "a Feather file", pa.ArrowException), regular(path).open("rb") as file:
         table = feather.read_table(file)
         check_columns(table.column_names, columns, str(path))
-        own = [*columns, *(name for name in optional if name in table.column_names)]
-        return pd.DataFrame(table.select(own).to_pandas(ignore_metadata=True))
+        selected = [*columns, *(name for name in optional if name in table.column_names)]
+        return pd.DataFrame(table.select(selected).to_pandas(ignore_metadata=True))

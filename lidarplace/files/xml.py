@@ -8,7 +8,8 @@ from lidarplace.files.atomic import read_text, reading, replacing
 
 
 def read_xml(path: Path) -> Element:
-    """The root of an XML file that declares no entities, which could grow without end.
+    """Read the root of an XML file that declares no entities, which could grow without end.
+
     Raises ValueError: the file cannot be read, is no XML in UTF-8, or has a document type."""
     with reading(path):
         text = read_text(path)

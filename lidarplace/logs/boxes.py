@@ -26,7 +26,7 @@ BOX_COLUMNS = ("scene", "frame", "timestamp_s", "object_id", "class", *GEOMETRY)
 FRAME_COLUMNS = ("scene", "frame", "timestamp_s", "route", "split")
 SPLITS = ("train", "test")  # what a frame is for
 POSE_COLUMNS = ("ego_x", "ego_y", "ego_yaw")
-"""Where the vehicle was in the world frame of its scene; a log may lack them."""
+"""Pose of the vehicle in the world frame of its scene; a log may lack it."""
 FULL_POSE_COLUMNS = ("ego_z", "ego_roll", "ego_pitch")
 """The rest of its pose, for logs that know all of it: metres, and radians about our axes."""
 CLOUD = "cloud"

@@ -37,7 +37,7 @@ class StaticWorld:
     tiles: NDArray[np.int32]
     """i, j of tiles with ground, which start at (i, j) * `TILE_M` from the origin, shape (t, 2)."""
     heights: NDArray[np.float32]
-    """Of the ground at the corners of their patches, metres above the origin, [x, y], shape
+    """Heights of ground at the corners of their patches, metres above the origin, [x, y], shape
     (t, 9, 9); NaN where it is unknown: a patch needs its four."""
 
     def boxes(self) -> NDArray[np.float64]:

@@ -20,7 +20,9 @@ MOST_POSITIONS = 1_000_000  # of one grid: a circle of 150 m at 0.25 m
 
 @dataclass(frozen=True)
 class Area:
-    """What all of its limits allow, in metres; limits belong to it. None, or no interval: any."""
+    """A part of the ground: the points that are within all limits, metres.
+
+    Limits belong to it. None, or no interval: not limited."""
 
     x: Interval | None = None
     y: tuple[Interval, ...] = ()  # one of these
@@ -30,8 +32,10 @@ class Area:
     the left, which may cross 180."""
 
     def sides(self, vehicle: Vehicle) -> tuple[Interval, Interval]:
-        """The rectangle around the area: its x and its y, metres. Raises ValueError: it has no end,
-        is empty, or has a distance from a vehicle without body."""
+        """Return the rectangle around the area: its x and its y, metres.
+
+        Raises ValueError: it has no end, is empty, or has a distance from a vehicle without a
+        body."""
         x = self.x or (-math.inf, math.inf)
         y = (-math.inf, math.inf)
         if self.y:
@@ -54,7 +58,7 @@ class Area:
     def holds(
         self, x: NDArray[np.float64], y: NDArray[np.float64], vehicle: Vehicle
     ) -> NDArray[np.bool_]:
-        """Whether points lie in the area; `x` and `y` in metres, of any one shape."""
+        """Return whether points are in the area; `x` and `y` in metres, of any one shape."""
         held = np.ones(np.broadcast(x, y).shape, np.bool_)
         if self.x is not None:
             held &= _within(x, self.x)
@@ -71,7 +75,7 @@ class Area:
 
 @dataclass(frozen=True, eq=False)
 class Positions:
-    """A rectangular grid, and which of its points lie in an area."""
+    """A rectangular grid, and which of its points are in an area."""
 
     x: NDArray[np.float64]  # of its lines, metres, shape (nx,)
     y: NDArray[np.float64]  # the same, shape (ny,)
@@ -79,19 +83,20 @@ class Positions:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """Those of the area, shape (P, 2), in the order of `held`."""
+        """Points in the area, shape (P, 2), in the order of `held`."""
         i, j = np.nonzero(self.held)
         return np.stack([self.x[i], self.y[j]], axis=1)
 
 
 def grid_over(area: Area, vehicle: Vehicle, step: float) -> Positions:
-    """Points at most `step` metres apart; the sides of the rectangle around the area have some.
+    """Return points at most `step` metres apart, some on the sides of the area's rectangle.
+
     Raises ValueError: as `Area.sides`; more than `MOST_POSITIONS`; or the area holds none."""
     sides = area.sides(vehicle)
     numbers = [math.ceil((high - low) / step - _HAIR) + 1 for low, high in sides]
     if math.prod(numbers) > MOST_POSITIONS:
-        most, found = f"at most {MOST_POSITIONS:,} positions", f"{math.prod(numbers):,}"
-        raise InputError(key="step", expected=most, found=f"{found} at {step:g} m")
+        most, number = f"at most {MOST_POSITIONS:,} positions", f"{math.prod(numbers):,}"
+        raise InputError(key="step", expected=most, found=f"{number} at {step:g} m")
     x, y = (np.linspace(*side, number) for side, number in zip(sides, numbers, strict=True))
     held = area.holds(x[:, None], y[None, :], vehicle)
     if not held.any():
@@ -102,26 +107,27 @@ def grid_over(area: Area, vehicle: Vehicle, step: float) -> Positions:
 def distance_from(
     vehicle: Vehicle, x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """From points to the vehicle's body as seen from above, metres; 0 within it."""
-    found = []
+    """Return distances from points to the vehicle's body as seen from above, metres; 0 within."""
+    away = []
     for low, high in vehicle.boxes:
         out = (
             np.maximum(np.maximum(low[i] - at, at - high[i]), 0.0) for i, at in enumerate((x, y))
         )
-        found.append(np.hypot(*out))
+        away.append(np.hypot(*out))
     if vehicle.mesh is not None:
         x, y = np.broadcast_arrays(x, y)
         places = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
-        found.append(distances(vehicle.mesh.ground_plan, places).reshape(x.shape))
-    return np.asarray(np.minimum.reduce(found))
+        away.append(distances(vehicle.mesh.ground_plan, places).reshape(x.shape))
+    return np.asarray(np.minimum.reduce(away))
 
 
 def in_the_way(
     vehicle: Vehicle, points: NDArray[np.float64], size: Sequence[float], heading: float
 ) -> NDArray[np.bool_]:
-    """Whether a box that stands there would be within the vehicle's body; a touch is not. By the
-    theorem of the separating axis, of the body's boxes, and of what its triangles have at the
-    heights of the box. Its middle is at `points`, shape (P, 2); metres and radians."""
+    """Return whether a box that stands there would be within the vehicle's body; a touch is not.
+
+    By the theorem of the separating axis, of the body's boxes, and of what its triangles have at
+    the heights of the box. Its middle is at `points`, shape (P, 2); metres and radians."""
     c, s = math.cos(heading), math.sin(heading)
     half_x = 0.5 * (abs(c) * size[0] + abs(s) * size[1])
     half_y = 0.5 * (abs(s) * size[0] + abs(c) * size[1])
@@ -129,8 +135,8 @@ def in_the_way(
     for low, high in vehicle.interior:
         if low[2] >= size[2] or high[2] <= 0.0:
             continue
-        middle, half = 0.5 * (low[:2] + high[:2]), 0.5 * (high[:2] - low[:2])
-        dx, dy = points[:, 0] - middle[0], points[:, 1] - middle[1]
+        centre, half = 0.5 * (low[:2] + high[:2]), 0.5 * (high[:2] - low[:2])
+        dx, dy = points[:, 0] - centre[0], points[:, 1] - centre[1]
         along = np.abs(c * dx + s * dy) < 0.5 * size[0] + abs(c) * half[0] + abs(s) * half[1]
         aside = np.abs(c * dy - s * dx) < 0.5 * size[1] + abs(s) * half[0] + abs(c) * half[1]
         met |= (np.abs(dx) < half_x + half[0]) & (np.abs(dy) < half_y + half[1]) & along & aside

@@ -1,4 +1,4 @@
-"""What cameras and radars have of objects: pixels, and range to spare."""
+"""Measures of objects by cameras and radars: pixels, and range to spare."""
 
 import math
 from collections.abc import Sequence
@@ -17,20 +17,22 @@ from lidarplace.rigs.placement import Placement
 POINTS = 5  # along each edge of an object: at these its surface is looked at
 
 
-def seen_by_each(
+def measure_each(
     sensors: Sequence[MountedSensor],
     boxes: NDArray[np.float64],
     object_class: str | None,
     rig: Placement,
     vehicle: Vehicle,
 ) -> NDArray[np.float64]:
-    """What each sensor has of each object, shape (B, sensors). Of a camera the pixels across or up,
-    whichever are fewer, that what it sees of the object takes; of a radar its range for objects of
-    a class, or any, as a multiple of the distance to the nearest part that it sees, 0 beyond it.
-    Housings of the LiDARs of `rig` hide what is behind them, and so does the vehicle, but for parts
-    within which the sensor is. Boxes are rows of `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7)."""
-    found = np.zeros((len(boxes), len(sensors)))
-    for column, sensor in zip(found.T, sensors, strict=True):
+    """Measure each object by each sensor, shape (B, sensors).
+
+    A camera has the pixels across or up, whichever are fewer, of what it sees of the object; a
+    radar its range for objects of a class, or any, as a multiple of the distance to the nearest
+    part that it sees, 0 beyond it. Housings of the LiDARs of `rig` hide what is behind them, and so
+    does the vehicle, but for parts within which the sensor is. Boxes are rows of
+    `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7)."""
+    measures = np.zeros((len(boxes), len(sensors)))
+    for column, sensor in zip(measures.T, sensors, strict=True):
         reach = sensor.range_of(object_class)
         view = view_of_sensor(sensor, reach)
         obstacles = obstacles_of(vehicle, housings_in(rig), sensor.mount.position)
@@ -40,13 +42,13 @@ def seen_by_each(
         else:
             with np.errstate(divide="ignore"):
                 column[:] = reach / seen[:, 2]
-    return found
+    return measures
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _seen(view, obstacles: Obstacles, boxes):
-    """Of what is seen of each box the extent across and up, as slopes, and the least distance."""
-    found = np.zeros((len(boxes), 3))
+    """Return extents across and up of what is seen of each box, as slopes, and its distance."""
+    extents = np.zeros((len(boxes), 3))
     o, r, last = view.origin, view.rotation, POINTS - 1
     for b in range(len(boxes)):
         box = boxes[b]
@@ -61,8 +63,8 @@ def _seen(view, obstacles: Obstacles, boxes):
                     dx = box[0] + c * u - s * v - o[0]
                     dy = box[1] + s * u + c * v - o[1]
                     dz = box[2] + (k / last - 0.5) * box[5] - o[2]
-                    there = in_view(view, o[0] + dx, o[1] + dy, o[2] + dz)
-                    if not there or stopped(o, dx, dy, dz, 1.0, obstacles, -1):
+                    viewed = in_view(view, o[0] + dx, o[1] + dy, o[2] + dz)
+                    if not viewed or stopped(o, dx, dy, dz, 1.0, obstacles, -1):
                         continue
                     nearest = min(nearest, math.sqrt(dx * dx + dy * dy + dz * dz))
                     ahead = r[0, 0] * dx + r[1, 0] * dy + r[2, 0] * dz
@@ -71,6 +73,6 @@ def _seen(view, obstacles: Obstacles, boxes):
                     left, right = min(left, across), max(right, across)
                     bottom, top = min(bottom, up), max(top, up)
         if nearest < math.inf:
-            found[b, 0], found[b, 1] = right - left, top - bottom
-        found[b, 2] = nearest
-    return found
+            extents[b, 0], extents[b, 1] = right - left, top - bottom
+        extents[b, 2] = nearest
+    return extents

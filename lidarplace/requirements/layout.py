@@ -1,4 +1,4 @@
-"""Where a requirement places its objects around a vehicle, the same for every rig."""
+"""Layout of a requirement around a vehicle, the same for every rig."""
 
 import math
 from collections.abc import Mapping
@@ -19,25 +19,31 @@ MOST_VOXELS = 20_000_000  # of the volume of a coverage
 
 @dataclass(frozen=True, eq=False)
 class RequirementLayout:
-    """A requirement laid out around a vehicle, the same for every rig; `lay_out` makes it."""
+    """A requirement laid out around a vehicle; `lay_out` makes it.
+
+    Attributes:
+        requirement: what is required.
+        positions: of the objects, or columns of voxels; none of a common view.
+        boxes: the objects by heading, rows of `lidarplace.logs.boxes.GEOMETRY`; shape
+            (headings, P, 7), NaN where one would be within the body.
+        roi: voxels of a coverage.
+        bent: `boxes` by pose of a vehicle that bends."""
 
     requirement: Requirement
-    positions: Positions  # of the objects, or columns of voxels; none of a common view
+    positions: Positions
     boxes: NDArray[np.float64]
-    """The objects by heading, rows of `lidarplace.logs.boxes.GEOMETRY`; shape (headings, P, 7),
-    NaN where one would be within the body."""
-    roi: Roi | None  # voxels of a coverage
+    roi: Roi | None
     bent: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    """`boxes` by pose of a vehicle that bends."""
 
     def boxes_in(self, pose: str) -> NDArray[np.float64]:
-        """The objects around one of the vehicle's poses, as `boxes`."""
+        """Return the objects around one of the vehicle's poses, as `boxes`."""
         return self.bent.get(pose, self.boxes)
 
 
 def lay_out(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
-    """Find the positions of a requirement. Raises ValueError: the area has no end, is empty, or
-    lies within the vehicle."""
+    """Find the positions of a requirement.
+
+    Raises ValueError: the area has no end, is empty, or is within the vehicle."""
     placed = requirement.placed
     if requirement.common_view is not None:
         nowhere = Positions(np.empty(0), np.empty(0), np.empty((0, 0), np.bool_))
@@ -48,8 +54,8 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
     points = positions.points
     if len(points) * placed.headings > MOST_OBJECTS:
         most = f"at most {MOST_OBJECTS:,} objects"
-        found = f"{placed.headings} headings at {len(points):,} positions"
-        raise InputError(key="what", expected=most, found=found)
+        number = f"{placed.headings} headings at {len(points):,} positions"
+        raise InputError(key="what", expected=most, found=number)
     boxes = np.stack([placed.boxes(points, angle) for angle in placed.angles.tolist()])
     boxes = _outside(vehicle, boxes, placed, points)
     free = ~np.isnan(boxes[:, :, 0]).all(axis=0)
@@ -66,21 +72,21 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
 def _outside(
     body: Vehicle, boxes: NDArray[np.float64], placed: PlacedObject, points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The boxes of an object at `points` by heading, NaN where one would be within the body."""
-    found = boxes.copy()
-    for own, angle in zip(found, placed.angles.tolist(), strict=True):
-        own[in_the_way(body, points, placed.size, angle)] = np.nan
-    return found
+    """Return the boxes of an object at `points` by heading, NaN for one within the body."""
+    outside = boxes.copy()
+    for of_heading, angle in zip(outside, placed.angles.tolist(), strict=True):
+        of_heading[in_the_way(body, points, placed.size, angle)] = np.nan
+    return outside
 
 
 def _columns(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
-    """Columns of voxels that hold the area, at least one along each axis."""
+    """Lay out columns of voxels that hold the area, at least one along each axis."""
     step = requirement.step
     sides = (*requirement.area.sides(vehicle), requirement.heights)
     numbers = [max(1, math.ceil((high - low) / step - 1e-9)) for low, high in sides]
     if math.prod(numbers) > MOST_VOXELS:
-        most, found = f"at most {MOST_VOXELS:,} voxels", f"{math.prod(numbers):,} of {step:g} m"
-        raise InputError(key="step", expected=most, found=found)
+        most, number = f"at most {MOST_VOXELS:,} voxels", f"{math.prod(numbers):,} of {step:g} m"
+        raise InputError(key="step", expected=most, found=number)
     # What does not fit is spread over both sides, so that symmetry stays; the bottom stays, too.
     dx, dy, dz = (n * step - (high - low) for (low, high), n in zip(sides, numbers, strict=True))
     (x0, x1), (y0, y1), (z0, z1) = sides

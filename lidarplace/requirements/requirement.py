@@ -1,4 +1,4 @@
-"""A requirement: what has to be seen where, how much of it, and in which cases besides."""
+"""A requirement: what must be seen where, how much of it, and in which further cases."""
 
 import math
 from collections.abc import Sequence
@@ -44,7 +44,7 @@ class PlacedObject:
         return np.linspace(0.0, np.pi, self.headings, endpoint=False, dtype=np.float64)
 
     def boxes(self, points: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
-        """Rows of `lidarplace.logs.boxes.GEOMETRY` with the middle at `points`, shape (P, 2)."""
+        """Return rows of `lidarplace.logs.boxes.GEOMETRY` with the middle at `points`, (P, 2)."""
         rows = np.empty((len(points), 7))
         rows[:, :2] = points
         rows[:, 2:] = 0.5 * self.height, *self.size, heading
@@ -57,8 +57,8 @@ STANDARD = {
     "Pedestrian": PlacedObject(0.55, 0.6, 1.7, object_class="Pedestrian"),
     "child": PlacedObject(0.35, 0.45, 1.15, object_class="Pedestrian"),
 }
-"""By name: the middle of the sizes that simulated traffic has (a bicycle for Cyclist), and a child
-of six years."""
+"""Standard objects by name: the middle of the sizes that simulated traffic has (a bicycle for
+Cyclist), and a child of six years."""
 
 
 AS_BUILT = "as built"
@@ -67,11 +67,11 @@ Measure = Literal[
     "points", "cells", "probability", "coverage", "pixels", "reach", "common view", "times the need"
 ]
 KIND_OF: dict[Measure, Kind] = {"pixels": "camera", "reach": "radar"}
-"""Who has a measure; others are of LiDARs."""
+"""Kind of sensor that has a measure; other measures are of LiDARs."""
 
 
 def measured(measure: Measure, sensors: int | None, kinds: int) -> str:
-    """A measure, and by how many sensors it is needed, for tables."""
+    """Describe a measure, and by how many sensors it is needed, for tables."""
     if sensors is None or (sensors == 1 and measure in KIND_OF):
         return measure
     of = f" of {kinds} kinds" if kinds > 1 else ""
@@ -82,19 +82,21 @@ MOST_DEAD = 1000  # sets of dead sensors of one rig
 
 
 def dead_sets(dead: int, sensors: int) -> list[tuple[int, ...]]:
-    """All sets of so many dead sensors of a rig; all of them if it has no more. Raises ValueError:
-    there are too many sets."""
+    """Return all sets of `dead` dead sensors of a rig; all of them if it has no more.
+
+    Raises ValueError: there are too many sets."""
     dead = min(dead, sensors)
     if (sets := math.comb(sensors, dead)) > MOST_DEAD:
         most = f"at most {MOST_DEAD:,} sets of {dead} dead sensors"
-        found = f"{sets:,} of {sensors} sensors"
-        raise InputError(expected=most, found=found, fix="lower sensors_dead")
+        number = f"{sets:,} of {sensors} sensors"
+        raise InputError(expected=most, found=number, fix="lower sensors_dead")
     return list(combinations(range(sensors), dead))
 
 
 @dataclass(frozen=True)
 class AlsoWhen:
-    """Cases in which a requirement holds, too; each by itself, the rig being as built otherwise.
+    """Further cases in which a requirement holds; each by itself, the rig otherwise as built.
+
     None, False and 0: no such case."""
 
     one_lidar_dead: bool = False  # any one of the LiDARs sees nothing
@@ -105,31 +107,34 @@ class AlsoWhen:
     sensors_dead: int = 0  # any so many of the sensors see nothing
 
     def left(self, names: Sequence[str], lidars: int) -> dict[str, list[int]]:
-        """Numbers of the sensors that are not dead, by case; first "", in which none is. `names`
-        has the LiDARs first, and `lidars` of them. Raises ValueError as `dead_sets`."""
+        """Return numbers of the sensors that are not dead, by case; first "", in which none is.
+
+        `names` has the LiDARs first, and `lidars` of them. Raises ValueError as `dead_sets`."""
         sets = dead_sets(1, lidars) if self.one_lidar_dead else []
         sets += dead_sets(self.sensors_dead, len(names)) if self.sensors_dead else []
-        dead = {"": ()} | {f"without {' and '.join(names[n] for n in own)}": own for own in sets}
+        dead = {"": ()} | {f"without {' and '.join(names[n] for n in some)}": some for some in sets}
         every = range(len(names))
-        return {label: [n for n in every if n not in own] for label, own in dead.items()}
+        return {label: [n for n in every if n not in some] for label, some in dead.items()}
 
     def variants(self, placement: Placement) -> dict[str, Placement]:
-        """The rig by case, without those of a dead LiDAR, which are told from it as built."""
-        found = {AS_BUILT: placement}
+        """Return the rig by case, without those of dead sensors.
+
+        They follow from the rig as built."""
+        rigs = {AS_BUILT: placement}
         if self.range_factor is not None:
             shorter = [lidar.nearsighted(self.range_factor) for lidar in placement.lidars]
-            found[f"range × {self.range_factor:g}"] = placement.with_lidar(shorter)
+            rigs[f"range × {self.range_factor:g}"] = placement.with_lidar(shorter)
         if self.weather is not None:
-            found[str(self.weather)] = placement.in_weather(self.weather)
+            rigs[str(self.weather)] = placement.in_weather(self.weather)
         if self.mounts_off is not None:
             for draw in range(self.draws):
-                found[f"mounts off, draw {draw + 1}"] = self.mounts_off.drawn(placement, draw)
-        return found
+                rigs[f"mounts off, draw {draw + 1}"] = self.mounts_off.drawn(placement, draw)
+        return rigs
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """What has to be seen where."""
+    """A requirement: what must be seen, and where."""
 
     name: str
     area: Area  # where the middle of the object is; of coverage the ground plan of the volume
@@ -159,5 +164,5 @@ class Requirement:
 
 
 def may_fail(share: float, positions: int) -> int:
-    """How many positions may have too little where a share of them needs to have enough."""
+    """Return how many positions may have too little where a share must have enough."""
     return min(math.floor((1 - share) * positions + 1e-9), positions - 1)

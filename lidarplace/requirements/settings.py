@@ -1,4 +1,4 @@
-"""Requirements in a configuration: what has to be seen where, and how much of it."""
+"""Requirements in a configuration: what must be seen where, and how much of it."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
 _KEYS: tuple[Measure, ...] = ("points", "cells", "probability", "coverage", "pixels", "reach")
-"""Of `at_least`."""
+"""Keys of `at_least`."""
 LANES = ("right", "own", "left")
 
 
@@ -59,7 +59,7 @@ def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
 
 
 def _direction(value: Any) -> Any:
-    """A sector's name as the angles of its ends."""
+    """Return the angles of the ends of a sector that is named."""
     if not isinstance(value, str):
         return value
     if value not in SECTORS:
@@ -103,23 +103,22 @@ class WhereSettings(Settings):
         return self
 
     def area(self, vehicle: Vehicle) -> Area:
-        """The area around this vehicle. Raises ValueError as `preset` does."""
+        """Return the area around this vehicle. Raises ValueError as `preset` does."""
         if self.preset is not None:
             return preset(self.preset, vehicle)
         y = [] if self.y is None else [self.y]
         for lane in self.lanes or ():
-            middle = (LANES.index(lane) - 1) * self.lane_width
-            y.append((middle - 0.5 * self.lane_width, middle + 0.5 * self.lane_width))
+            centre = (LANES.index(lane) - 1) * self.lane_width
+            y.append((centre - 0.5 * self.lane_width, centre + 0.5 * self.lane_width))
         return Area(self.x, tuple(y), self.distance, self.sectors or ())
 
 
 Side = Annotated[Distance, Field(le=MOST_SIZE_M)]
-"""Of an object; centimetres and millimetres are mostly beyond."""
+"""Side of an object, metres; lengths in centimetres and millimetres are mostly beyond."""
 
 
 class WhatSettings(Settings):
-    """An object: a class's standard box, a box of a given size, or a standard box with some sizes
-    changed."""
+    """An object: a class's standard box, a box of a given size, or one with some sizes changed."""
 
     object_class: Literal[tuple(STANDARD)] | None = Field(  # type: ignore[valid-type]
         None, alias="class", description="its standard box, and its detection curve"
@@ -145,15 +144,16 @@ class WhatSettings(Settings):
         return self
 
     def placed(self) -> PlacedObject:
-        """In the terms of `lidarplace`."""
-        known = STANDARD[self.object_class] if self.object_class else PlacedObject(0.0, 0.0, 0.0)
-        given = self.model_dump(exclude={"object_class"}, exclude_none=True)
-        return replace(known, **given)
+        """Return the object in the terms of `lidarplace`."""
+        standard = STANDARD[self.object_class] if self.object_class else PlacedObject(0.0, 0.0, 0.0)
+        changes = self.model_dump(exclude={"object_class"}, exclude_none=True)
+        return replace(standard, **changes)
 
 
 class AtLeastSettings(Settings):
-    """How much must be seen: one of the first four keys for LiDARs, pixels for cameras, reach for
-    radars."""
+    """Least amount to be seen: the first four keys are for LiDARs, one of them at most.
+
+    `pixels` is for cameras, `reach` for radars."""
 
     points: CountFromOne | None = Field(None, description="returns from the object")
     cells: CountFromOne | None = Field(
@@ -202,18 +202,18 @@ class AtLeastSettings(Settings):
 
     @property
     def needs(self) -> tuple[tuple[Measure, float], ...]:
-        """All that are named, those of LiDARs first."""
+        """Measures that are named and their least values, those of LiDARs first."""
         named = ((key, getattr(self, key)) for key in _KEYS)
-        return tuple((key, float(own)) for key, own in named if own is not None)
+        return tuple((key, float(need)) for key, need in named if need is not None)
 
     @property
     def measure(self) -> Measure:
-        """Which of them."""
+        """Measure that is named, or "times the need" for several."""
         return self.needs[0][0] if len(self.needs) == 1 else "times the need"
 
     @property
     def by(self) -> int | None:
-        """How many sensors need it; None: all LiDARs together."""
+        """Number of sensors that need it; None: all LiDARs together."""
         alone = self.kinds > 1 or any(key in KIND_OF for key, _ in self.needs)
         return self.kinds if self.sensors is None and alone else self.sensors
 
@@ -250,7 +250,7 @@ class AlsoWhenSettings(Settings):
     mounts_off: MountsOffSettings | None = Field(None, description="rigs with mounting errors")
 
     def cases(self) -> AlsoWhen:
-        """In the terms of `lidarplace`."""
+        """Return the cases in the terms of `lidarplace`."""
         off, weather = self.mounts_off, None if self.weather is None else self.weather.weather()
         errors, draws = (off.errors(), off.draws) if off else (None, 0)
         dead = self.sensors_dead or 0
@@ -264,7 +264,7 @@ class AlsoWhenSettings(Settings):
 
 
 class RequirementSettings(Settings):
-    """What a rig must see, and where."""
+    """A requirement: what a rig must see, and where."""
 
     name: Name = Field(description="name in tables and pictures")
     common_view: CommonViewSettings | None = Field(
@@ -302,7 +302,7 @@ class RequirementSettings(Settings):
 
     @property
     def least(self) -> float:
-        """How much is needed of the measure."""
+        """Amount of the measure that is needed."""
         if self.common_view is not None:
             return self.common_view.share
         assert self.at_least is not None
@@ -311,7 +311,7 @@ class RequirementSettings(Settings):
 
     @property
     def measured(self) -> str:
-        """The measure as tables have it."""
+        """Measure as tables have it."""
         if self.common_view is not None:
             return "common view"
         assert self.at_least is not None
@@ -322,7 +322,7 @@ class RequirementSettings(Settings):
         if self.common_view is not None:
             others = self.model_fields_set - {"name", "common_view"}
             if others:
-                named = sorted(str(type(self).model_fields[own].alias or own) for own in others)
+                named = sorted(str(type(self).model_fields[key].alias or key) for key in others)
                 fix = f"remove {', '.join(named)}"
                 raise InputError("excludes other keys", key="common_view", fix=fix)
             return self
@@ -341,9 +341,10 @@ class RequirementSettings(Settings):
         return self
 
     def not_of(self, lidar: Lidar) -> tuple[str, str] | None:
-        """Why it cannot be asked of a LiDAR, if it cannot: the key, and what is missing or wrong.
-        By light nobody knows how far a LiDAR without `range_10` sees; a case of `also_when` may
-        leave one no range."""
+        """Return why the requirement does not apply to a LiDAR: the key, and what is wrong.
+
+        None if it applies. By light nobody knows how far a LiDAR without `range_10` sees; a case of
+        `also_when` may leave one no range."""
         if self.what is not None and self.what.reflectivity is not None and lidar.range_10 is None:
             return "what.reflectivity", "has no range_10; set it, or remove this key"
         try:
@@ -353,11 +354,12 @@ class RequirementSettings(Settings):
         return None
 
     def requirement(self, vehicle: Vehicle, curves: DetectionCurves) -> Requirement:
-        """In the terms of `lidarplace`. Raises ValueError: the vehicle has no body that a preset
-        lies around, or there is no curve."""
+        """Return the requirement in the terms of `lidarplace`.
+
+        Raises ValueError: the vehicle has no body that a preset is around, or there is no curve."""
         if self.common_view is not None:
-            asked = self.common_view.asked()
-            return Requirement(self.name, Area(), "common view", asked.share, common_view=asked)
+            view = self.common_view.view()
+            return Requirement(self.name, Area(), "common view", view.share, common_view=view)
         wanted, placed = self.at_least, None if self.what is None else self.what.placed()
         assert wanted is not None
         assert self.where is not None
@@ -380,16 +382,16 @@ def _each_once(requirements: tuple[RequirementSettings, ...]) -> tuple[Requireme
 
 
 def _of_presets(value: Any) -> Any:
-    """Texts stand for all requirements of a preset."""
+    """Replace texts by all requirements of a preset."""
     if not isinstance(value, (str, list, tuple)):
         return value
-    found: list[Any] = []
-    for own in [value] if isinstance(value, str) else value:
-        found += preset_file(own).requirements if isinstance(own, str) else (own,)
-    return found
+    settings: list[Any] = []
+    for entry in [value] if isinstance(value, str) else value:
+        settings += preset_file(entry).requirements if isinstance(entry, str) else (entry,)
+    return settings
 
 
 Requirements = Annotated[
     tuple[RequirementSettings, ...], AfterValidator(_each_once), BeforeValidator(_of_presets)
 ]
-"""Each has a name of its own; a text stands for all of a preset."""
+"""Requirements with a name of its own each; a text stands for all of a preset."""

@@ -1,4 +1,4 @@
-"""What became of requirements: as tables, and on the ground around the vehicle."""
+"""Results of requirements as tables, and on the ground around the vehicle."""
 
 from __future__ import annotations
 
@@ -20,21 +20,22 @@ MOST_CELLS = 160  # along an axis; of more positions a cell shows the worst one
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """A grid of cells; `least` is of all cases and of all positions in a cell, in the requirement's
-    measure."""
+    """A grid of cells with the least value of a requirement in each.
+
+    `least` is of all cases and of all positions in a cell, in the requirement's measure."""
 
     x: NDArray[np.float64]  # middles of the cells, metres, shape (nx,)
     y: NDArray[np.float64]  # the same, shape (ny,)
     least: NDArray[np.float64]  # NaN where nothing is asked, shape (nx, ny)
 
     @classmethod
-    def of(cls, outcome: RequirementResult) -> Ground:
-        """That of a requirement under one rig."""
-        positions = outcome.positions
+    def of(cls, result: RequirementResult) -> Ground:
+        """Return the ground of a requirement under one rig."""
+        positions = result.positions
         if not positions.held.size:  # a common view is nowhere
             return cls(positions.x, positions.y, np.empty((0, 0)))
         least = np.full(positions.held.shape, np.nan)
-        least[positions.held] = np.where(np.isfinite(outcome.least_of), outcome.least_of, np.nan)
+        least[positions.held] = np.where(np.isfinite(result.least_of), result.least_of, np.nan)
         middles = []
         for axis, line in enumerate((positions.x, positions.y)):
             step = -(-len(line) // MOST_CELLS)
@@ -44,60 +45,62 @@ class Ground:
         return cls(middles[0], middles[1], least)
 
 
-def extents(laid: Iterable[RequirementLayout]) -> list[dict[str, str | int]]:
-    """What each asks of a rig: requirement, measure, positions, and objects that are placed."""
+def extents(layouts: Iterable[RequirementLayout]) -> list[dict[str, str | int]]:
+    """Return what each requirement asks: its name, measure, positions and placed objects."""
     return [
         {
-            "requirement": own.requirement.name,
-            "measure": own.requirement.measured,
-            "positions": int(own.positions.held.sum()),
-            "objects": int(np.isfinite(own.boxes[:, :, 0]).sum()),
+            "requirement": layout.requirement.name,
+            "measure": layout.requirement.measured,
+            "positions": int(layout.positions.held.sum()),
+            "objects": int(np.isfinite(layout.boxes[:, :, 0]).sum()),
         }
-        for own in laid
+        for layout in layouts
     ]
 
 
-def case_row(outcome: RequirementResult, finding: CaseResult) -> dict[str, object]:
-    """What a requirement finds in one case; place and heading are None where there is none,
-    `short_by` is 0 where it is met."""
-    wanted = outcome.requirement
+def case_row(result: RequirementResult, case: CaseResult) -> dict[str, object]:
+    """Return the result of a requirement in one case as a row.
+
+    Place and heading are None where there is none, `short_by` is 0 where it is met."""
+    requirement = result.requirement
     return {
-        "case": finding.case,
-        "met": finding.value >= wanted.least,
-        "value": finding.value,
-        "short_by": max(0.0, wanted.least - finding.value),
-        "enough": finding.enough,
-        "x": None if math.isnan(finding.x) else finding.x,
-        "y": None if math.isnan(finding.y) else finding.y,
-        "heading_deg": None if finding.heading is None else math.degrees(finding.heading),
-        "at_worst": finding.at_worst,
+        "case": case.case,
+        "met": case.value >= requirement.least,
+        "value": case.value,
+        "short_by": max(0.0, requirement.least - case.value),
+        "enough": case.enough,
+        "x": None if math.isnan(case.x) else case.x,
+        "y": None if math.isnan(case.y) else case.y,
+        "heading_deg": None if case.heading is None else math.degrees(case.heading),
+        "at_worst": case.at_worst,
     }
 
 
-def case_table(outcomes: Sequence[RequirementResult]) -> pd.DataFrame:
-    """A row for each requirement of a rig and case, as built first: what is asked, `case_row`."""
+def case_table(results: Sequence[RequirementResult]) -> pd.DataFrame:
+    """Return a row for each requirement of a rig and case, as built first; see `case_row`."""
     rows = [
         {
-            "requirement": outcome.requirement.name,
-            "measure": outcome.requirement.measured,
-            "at_least": outcome.requirement.least,
-            "for": outcome.requirement.share,
-            **case_row(outcome, finding),
+            "requirement": result.requirement.name,
+            "measure": result.requirement.measured,
+            "at_least": result.requirement.least,
+            "for": result.requirement.share,
+            **case_row(result, case),
         }
-        for outcome in outcomes
-        for finding in outcome.findings
+        for result in results
+        for case in result.cases
     ]
     return pd.DataFrame(rows).astype(dict.fromkeys(("x", "y", "heading_deg"), np.float64))
 
 
 def by_rig(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Tables of `case_table` under each other, the name of each rig in front."""
+    """Return tables of `case_table` under each other, the name of each rig in front."""
     return pd.concat(tables, names=["rig"]).reset_index("rig").reset_index(drop=True)
 
 
 def worst_cases(cases: pd.DataFrame, rig: Sequence[str]) -> pd.DataFrame:
-    """Of each requirement of each rig, known by the columns `rig`, the case with the least value,
-    of equal ones the first; `cases` are rows of `case_table`."""
+    """Return the case with the least value of each requirement and rig, ties to the first.
+
+    `cases` are rows of `case_table`, rigs are identified by the columns `rig`."""
     keys = [*rig, "requirement"]
     least = cases.groupby(keys, sort=False, dropna=False, observed=True)["value"].idxmin()
     return cases.loc[least].reset_index(drop=True)

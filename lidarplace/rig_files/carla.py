@@ -1,5 +1,6 @@
-"""Rigs as `objects.json` of CARLA's ROS bridge; poses are right-handed, as ROS has them, in degrees
-(https://carla.readthedocs.io/projects/ros-bridge/en/latest/carla_spawn_objects)."""
+"""Rigs as `objects.json` of CARLA's ROS bridge; poses are right-handed, in degrees.
+
+See https://carla.readthedocs.io/projects/ros-bridge/en/latest/carla_spawn_objects."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar, Place, lidars_in, named_like
+from lidarplace.rig_files.mounted import Place, RigSensor, lidars_in, named_like
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
 from lidarplace.scenes.routes import STEP_S
@@ -30,7 +31,7 @@ UNEVEN = 1e-6
 
 
 class Fan(NamedTuple):
-    """Beams at even distances, which is what one CARLA sensor can have; radians."""
+    """Beams at even distances, which one CARLA sensor can have; radians."""
 
     lower: float
     upper: float
@@ -38,9 +39,10 @@ class Fan(NamedTuple):
 
 
 def even_fans(elevations: Sequence[float]) -> list[Fan]:
-    """The beam table as few fans as a greedy search finds, from the lowest beam up. CARLA spreads
-    the channels of a sensor evenly between two elevations, so an even table is one fan; any other
-    one is made of several sensors in one place."""
+    """Return the beam table as few fans as a greedy search finds, from the lowest beam up.
+
+    CARLA spreads the channels of a sensor evenly between two elevations, so an even table is one
+    fan; any other one is made of several sensors in one place."""
     table = np.sort(np.asarray(elevations, np.float64))
     fans, first = [], 0
     for end in range(1, len(table) + 1):
@@ -53,8 +55,9 @@ def even_fans(elevations: Sequence[float]) -> list[Fan]:
 
 
 def attributes(lidar: Lidar, fan: Fan, seed: int) -> dict[str, str]:
-    """Attributes of the sensor that fires `fan`, one full turn a step, without the losses that
-    CARLA has by default."""
+    """Return attributes of the sensor that fires `fan`, one full turn a step.
+
+    Without the losses that CARLA has by default."""
     values: dict[str, int | float] = {
         "channels": fan.beams,
         "lower_fov": math.degrees(fan.lower),
@@ -85,10 +88,9 @@ _Positive = Annotated[Number, Field(gt=0)]
 
 
 class _Object(BaseModel):
-    """Something to spawn; the values of a LiDAR that is silent are CARLA's own.
+    """An object to spawn; defaults of a LiDAR are CARLA's own.
 
-    https://carla.readthedocs.io/en/latest/ref_sensors has them.
-    """
+    https://carla.readthedocs.io/en/latest/ref_sensors has them."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -108,37 +110,39 @@ class _Object(BaseModel):
 
 
 class _Objects(BaseModel):
-    """The file."""
+    """Content of the file."""
 
     objects: list[_Object]
 
 
-def read_carla(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The ray-cast LiDARs on the one vehicle that has some. Sensors in one place that follow each
-    other are one LiDAR: CARLA's have even beams, so a LiDAR of uneven beams is written as several.
-    How CARLA weakens intensity is left out. Raises ValueError: the file is none of this kind,
-    LiDARs are on several vehicles, or one cannot be."""
+def read_carla(path: Path, only: Sequence[str]) -> list[RigSensor]:
+    """Read the ray-cast LiDARs on the one vehicle that has some.
+
+    Sensors in one place that follow each other are one LiDAR: CARLA's have even beams, so a LiDAR
+    of uneven beams is written as several. How CARLA weakens intensity is left out. Raises
+    ValueError: the file is none of this kind, LiDARs are on several vehicles, or one is
+    impossible."""
     objects = read_record(path, _Objects, "list of objects of CARLA's ROS bridge").objects
     carrying = [each for each in objects if any(o.type == BLUEPRINT for o in each.on_it)]
     with at(path):
         if len(carrying) > 1:
-            found, fix = ", ".join(each.id for each in carrying), "leave one in the file"
-            raise InputError("several vehicles have LiDARs", found=found, fix=fix)
+            vehicles, fix = ", ".join(each.id for each in carrying), "leave one in the file"
+            raise InputError("several vehicles have LiDARs", found=vehicles, fix=fix)
         sensors = [o for each in carrying for o in each.on_it if o.type == BLUEPRINT]
         names = named_like([sensor.id for sensor in sensors], only)
         chosen = [sensor for sensor in sensors if sensor.id in names]
         return [_lidar(list(parts)) for _, parts in groupby(chosen, key=lambda o: o.spawn_point)]
 
 
-def _lidar(parts: Sequence[_Object]) -> MountedLidar:
+def _lidar(parts: Sequence[_Object]) -> RigSensor:
     first, place = parts[0], parts[0].spawn_point
     steps = [
         o.points_per_second / (o.channels * o.rotation_frequency) * 360 / o.horizontal_fov
         for o in parts
     ]
     for other, count in zip(parts, steps, strict=True):
-        known = (round(count), other.range, other.horizontal_fov)
-        if known != (round(steps[0]), first.range, first.horizontal_fov):
+        shared = (round(count), other.range, other.horizontal_fov)
+        if shared != (round(steps[0]), first.range, first.horizontal_fov):
             wrong = (
                 f"{other.id} at the same place differs in azimuth steps, range or horizontal_fov"
             )
@@ -160,13 +164,14 @@ def _lidar(parts: Sequence[_Object]) -> MountedLidar:
     model = validated(SensorSettings, values, f"{first.id}: no LiDAR of ours")
     angles = (math.radians(angle) for angle in (place.roll, place.pitch, place.yaw))
     with at(first.id):
-        return MountedLidar(first.id, Mount(place.x, place.y, place.z, *angles), model)
+        return RigSensor(first.id, Mount(place.x, place.y, place.z, *angles), model)
 
 
-def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
-    """Write one vehicle with all LiDARs on it, at the simulation's 20 turns a second. Raises
-    ValueError: a LiDAR has no model, a pattern or a correction, or its field of view is not even
-    about its x axis."""
+def write_carla(path: Path, lidars: Sequence[RigSensor]) -> None:
+    """Write one vehicle with all LiDARs on it, at the simulation's 20 turns a second.
+
+    Raises ValueError: a LiDAR has no model, a pattern or a correction, or its field of view is not
+    even about its x axis."""
     sensors = []
     for each in lidars_in(lidars):
         if each.model is None:
@@ -176,19 +181,19 @@ def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
         check_possible(lidar, each.name)
         low, high = lidar.azimuth
         if abs(low + high) > 1e-9:
-            own = f"[{math.degrees(low):g}, {math.degrees(high):g}]"
+            view_deg = f"[{math.degrees(low):g}, {math.degrees(high):g}]"
             even = "a field of view symmetric to the x axis, as CARLA's LiDARs have"
-            raise InputError(place=each.name, key="azimuth_deg", expected=even, found=own)
+            raise InputError(place=each.name, key="azimuth_deg", expected=even, found=view_deg)
         place = asdict(each.mount)
         for angle in ("roll", "pitch", "yaw"):
             place[angle] = round(math.degrees(place[angle]), 9)
         for number, fan in enumerate(even_fans(lidar.elevations)):
             name = each.name if number == 0 else f"{each.name}_beams_{number}"
-            known = {"type": BLUEPRINT, "id": name, "spawn_point": place}
+            sensor = {"type": BLUEPRINT, "id": name, "spawn_point": place}
             view = {  # CARLA spreads all points over the field of view
                 "horizontal_fov": f"{math.degrees(high - low):.9g}",
                 "points_per_second": str(round(fan.beams * lidar.fired_steps / STEP_S)),
             }
-            sensors.append(known | attributes(lidar, fan, number) | view)
+            sensors.append(sensor | attributes(lidar, fan, number) | view)
     vehicle = {"type": "vehicle.*", "id": "ego_vehicle", "objects": sensors}
     write_text(path, json.dumps({"objects": [vehicle]}, indent=1))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lidarplace.base.errors import InputError
 from lidarplace.rig_files.carla import read_carla, write_carla
-from lidarplace.rig_files.mounted import MountedLidar, Vector
+from lidarplace.rig_files.mounted import RigSensor, Vector
 from lidarplace.rig_files.nuscenes import read_nuscenes_rig, write_nuscenes_rig
 from lidarplace.rig_files.osi import read_osi, write_osi
 from lidarplace.rig_files.ros2 import read_ros2, write_ros2
@@ -16,13 +16,13 @@ from lidarplace.scenes.datasets.nuscenes import ORIGIN
 
 @dataclass(frozen=True)
 class RigFormat:
-    """How another tool writes a rig."""
+    """Format in which another tool writes a rig."""
 
-    read: Callable[[Path, Sequence[str]], list[MountedLidar]]
-    """The sensors at a path whose names fit patterns, in the file's vehicle frame."""
-    write: Callable[[Path, Sequence[MountedLidar]], None]
+    read: Callable[[Path, Sequence[str]], list[RigSensor]]
+    """Reads the sensors at a path whose names fit patterns, in the file's vehicle frame."""
+    write: Callable[[Path, Sequence[RigSensor]], None]
     origin: Vector | None = None
-    """Where the file's vehicle frame starts in our ego frame, metres; None: it may be anywhere.
+    """Origin of the file's vehicle frame in our ego frame, metres; None: it may be anywhere.
     Axes are ours in all of them."""
     suffixes: tuple[str, ...] = ()  # by which it is known, without a name
     frames: bool = False  # whether it holds frames of all kinds: what each is has to be told
@@ -38,17 +38,17 @@ FORMATS = {
     "carla": RigFormat(read_carla, write_carla, (0.0, 0.0, 0.0), lidars_alone=True),
     "osi": RigFormat(read_osi, write_osi),
 }
-"""By name."""
+"""Formats by name."""
 
 
 def format_of(path: Path, name: str | None) -> RigFormat:
-    """The format of that name, or the one that a file is known by; ValueError if there is none."""
+    """Return the format of that name, or the one of a file; ValueError if there is none."""
     if name is not None:
         if name not in FORMATS:
             raise InputError(place="--format", expected=f"one of {', '.join(FORMATS)}", found=name)
         return FORMATS[name]
-    for known in FORMATS.values():
-        if path.name.endswith(known.suffixes or "\n"):
-            return known
+    for candidate in FORMATS.values():
+        if path.name.endswith(candidate.suffixes or "\n"):
+            return candidate
     fix = f"name it with --format {'|'.join(FORMATS)}"
     raise InputError("unknown format", place=path, fix=fix)

@@ -20,22 +20,22 @@ Vector = tuple[float, float, float]  # x, y, z in metres
 
 
 @dataclass(frozen=True)
-class MountedLidar:
-    """One LiDAR of a rig; or a camera or a radar, which files of rigs have with them."""
+class RigSensor:
+    """A LiDAR of a rig; or a camera or a radar, which files of rigs have, too."""
 
     name: str  # in the file
     mount: Mount  # in the vehicle frame of whoever has it; cameras look along its x axis
     model: SensorSettings | None = None
     further: CameraSettings | RadarSettings | None = None
-    """Of a camera or a radar what is known of it; its own pose is of no account."""
+    """Settings of a camera or a radar, as far as they are known; their pose is of no account."""
 
     @property
     def kind(self) -> Kind:
-        """What it is."""
+        """Kind of the sensor."""
         return "lidar" if self.further is None else self.further.KIND
 
-    def moved(self, x: float, y: float, z: float) -> "MountedLidar":
-        """The same LiDAR, farther by so many metres."""
+    def moved(self, x: float, y: float, z: float) -> "RigSensor":
+        """Return the sensor, farther by x, y, z in metres."""
         mount = self.mount
         # Rounded, as 1.9 - 0.3 would be written as 1.5999999999999999.
         x, y, z = (round(value, 12) for value in (mount.x + x, mount.y + y, mount.z + z))
@@ -54,25 +54,26 @@ class Place(BaseModel):
 
 
 def mount_of(position: ArrayLike, matrix: NDArray[np.float64]) -> Mount:
-    """A mount of a position, 3 metres, and a sensor-to-vehicle rotation, (3, 3)."""
+    """Return the mount of a position, 3 metres, and a sensor-to-vehicle rotation, (3, 3)."""
     x, y, z = np.asarray(position, np.float64).tolist()
     return Mount(x, y, z, *angles(matrix))
 
 
 def named_like(names: Sequence[str], patterns: Sequence[str]) -> list[str]:
-    """Those of the names that a pattern fits, whatever their case; all, without a pattern. `*`
-    stands for any text. Raises ValueError if a pattern fits none of them."""
-    found = set(names) if not patterns else set()
+    """Return the names that a pattern fits, whatever their case; all, without a pattern.
+
+    `*` stands for any text. Raises ValueError if a pattern fits none of them."""
+    matched = set(names) if not patterns else set()
     for pattern in patterns:
-        own = [name for name in names if fnmatchcase(name.lower(), pattern.lower())]
-        if not own:
-            known, fix = ", ".join(names) or "none", "--only says which"
-            raise InputError(f"no LiDAR is called {pattern}", found=known, fix=fix)
-        found |= {*own}
-    return [name for name in names if name in found]
+        fitting = [name for name in names if fnmatchcase(name.lower(), pattern.lower())]
+        if not fitting:
+            available, fix = ", ".join(names) or "none", "--only says which"
+            raise InputError(f"no LiDAR is called {pattern}", found=available, fix=fix)
+        matched |= {*fitting}
+    return [name for name in names if name in matched]
 
 
-def check_lidars(lidars: Sequence[MountedLidar], source: str) -> None:
+def check_lidars(lidars: Sequence[RigSensor], source: str) -> None:
     """Raise ValueError if there is no LiDAR, or two sensors have one name."""
     if not lidars_in(lidars):
         raise InputError("no LiDAR", place=source)
@@ -83,36 +84,36 @@ def check_lidars(lidars: Sequence[MountedLidar], source: str) -> None:
 
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""From the frame of an image, x to the right, y down, z ahead, to that of a mount."""
+"""Rotation from the frame of an image, x to the right, y down, z ahead, to that of a mount."""
 
 
-def of_frame(frame: MountedLidar, further: CameraSettings | RadarSettings) -> MountedLidar:
-    """A frame that is one of a camera or a radar; optical ones, by their name, as in REP 103."""
+def of_frame(frame: RigSensor, further: CameraSettings | RadarSettings) -> RigSensor:
+    """Return a frame as a camera or a radar; optical frames, by their name, as in REP 103."""
     mount = frame.mount
     if "optical" in frame.name and isinstance(further, CameraSettings):
         mount = mount_of(mount.position, mount.rotation @ OPTICAL.T)
     return replace(frame, mount=mount, further=further)
 
 
-def mount_in_frame(sensor: MountedLidar) -> Mount:
-    """As `of_frame` reads it."""
+def mount_in_frame(sensor: RigSensor) -> Mount:
+    """Return the mount of a sensor in the frame that `of_frame` reads."""
     if "optical" in sensor.name and sensor.kind == "camera":
         return mount_of(sensor.mount.position, sensor.mount.rotation @ OPTICAL)
     return sensor.mount
 
 
-def lidars_in(sensors: Iterable[MountedLidar]) -> list[MountedLidar]:
-    """Those that are LiDARs."""
-    return [own for own in sensors if own.kind == "lidar"]
+def lidars_in(sensors: Iterable[RigSensor]) -> list[RigSensor]:
+    """Return the sensors that are LiDARs."""
+    return [sensor for sensor in sensors if sensor.kind == "lidar"]
 
 
 BASE = "base_link"
-"""The frame of a vehicle, as ROS calls it (REP 105); in its place the root, if there is one."""
+"""Frame of a vehicle, as ROS calls it (REP 105); in its place the root, if there is one."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """What holds a frame."""
+    """A joint that holds a frame."""
 
     parent: str
     child: str
@@ -121,10 +122,11 @@ class Joint:
     moves: str = ""  # how the child moves against its parent
 
 
-def lidars_of(joints: Sequence[Joint], only: Sequence[str]) -> list[MountedLidar]:
-    """The frames that patterns name, in the frame of the vehicle. Raises ValueError: frames hang
-    together otherwise than as a tree, no pattern is given or one fits no frame, or a frame of a
-    LiDAR moves."""
+def lidars_of(joints: Sequence[Joint], only: Sequence[str]) -> list[RigSensor]:
+    """Return the frames that patterns name, in the frame of the vehicle.
+
+    Raises ValueError: frames form no tree, no pattern is given or one fits no frame, or a frame of
+    a LiDAR moves."""
     holds: dict[str, Joint] = {}
     for joint in joints:
         if joint.child in holds:
@@ -141,7 +143,7 @@ def lidars_of(joints: Sequence[Joint], only: Sequence[str]) -> list[MountedLidar
     return [_placed(name, base, holds) for name in named_like(list(holds), only)]
 
 
-def _placed(name: str, base: str, holds: Mapping[str, Joint]) -> MountedLidar:
+def _placed(name: str, base: str, holds: Mapping[str, Joint]) -> RigSensor:
     position, matrix = np.zeros(3), np.eye(3)
     frame, steps = name, 0
     while frame != base:
@@ -153,4 +155,4 @@ def _placed(name: str, base: str, holds: Mapping[str, Joint]) -> MountedLidar:
         position = joint.position + joint.rotation @ position
         matrix = joint.rotation @ matrix
         frame, steps = joint.parent, steps + 1
-    return MountedLidar(name, mount_of(position, matrix))
+    return RigSensor(name, mount_of(position, matrix))

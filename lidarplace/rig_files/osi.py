@@ -1,8 +1,7 @@
-"""Rigs as ASAM OSI's `SensorViewConfiguration`, in protobuf's JSON
-(https://opensimulationinterface.github.io/osi-antora-generator/asamosi/latest/gen).
+"""Rigs as ASAM OSI's `SensorViewConfiguration`, in protobuf's JSON.
 
-It says how a simulator shall show the world to a LiDAR, not which LiDAR it is: models are not read.
-"""
+See https://opensimulationinterface.github.io/osi-antora-generator/asamosi/latest/gen. It says how a
+simulator shall show the world to a LiDAR, not which LiDAR it is: models are not read."""
 
 import json
 import math
@@ -19,19 +18,19 @@ from lidarplace.configuration.further_sensors import CameraSettings, RadarSettin
 from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar, Place, named_like
+from lidarplace.rig_files.mounted import Place, RigSensor, named_like
 from lidarplace.rigs.further_sensors import Camera
 from lidarplace.rigs.placement import Mount
 
 
 class _Message(BaseModel):
-    """Field names as in the messages, or as protobuf's JSON has them; what is 0 may be left out."""
+    """A message: fields by their names or as in protobuf's JSON; what is 0 may be left out."""
 
     model_config = ConfigDict(alias_generator=to_camel, populate_by_name=True, extra="ignore")
 
 
 class _MountingPosition(_Message):
-    """Metres; radians: yaw about z, then pitch about the new y, then roll about the new x."""
+    """A pose in metres and radians: yaw about z, pitch about the new y, roll about the new x."""
 
     position: Place = Place()
     orientation: Place = Place()
@@ -42,7 +41,7 @@ class _Identifier(_Message):
 
 
 class _OneSensor(_Message):
-    """What LiDARs, cameras and radars have; angles are of cameras and radars, radians."""
+    """Fields of LiDARs, cameras and radars; angles are of cameras and radars, radians."""
 
     sensor_id: _Identifier = _Identifier()
     mounting_position: _MountingPosition
@@ -58,10 +57,11 @@ class _SensorViewConfiguration(_Message):
     radar_sensor_view_configuration: list[_OneSensor] = []
 
 
-def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The sensors of a configuration, called by kind and id, `lidar_1`; ValueError if it is none.
+def read_osi(path: Path, only: Sequence[str]) -> list[RigSensor]:
+    """Read the sensors of a configuration, called by kind and id, `lidar_1`.
+
     Cameras have the angles and pixels that a simulator shall give them; radars their angles alone,
-    and no range."""
+    and no range. Raises ValueError: it is no such configuration."""
     view = read_record(path, _SensorViewConfiguration, "SensorViewConfiguration of ASAM OSI")
     lidars = []
     for kind in ("lidar", "camera", "radar"):
@@ -71,42 +71,43 @@ def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
             with at(f"{path}: {name}"):
                 mount = Mount(place.x, place.y, place.z, turned.roll, turned.pitch, turned.yaw)
                 further = None if kind == "lidar" else _further(kind, each)
-            lidars.append(MountedLidar(name, mount, further=further))
+            lidars.append(RigSensor(name, mount, further=further))
     with at(path):
         names = named_like([lidar.name for lidar in lidars], only)
     return [lidar for lidar in lidars if lidar.name in names]
 
 
-def _further(kind: str, own: _OneSensor) -> CameraSettings | RadarSettings:
-    view = (own.field_of_view_horizontal, own.field_of_view_vertical)
+def _further(kind: str, sensor: _OneSensor) -> CameraSettings | RadarSettings:
+    view = (sensor.field_of_view_horizontal, sensor.field_of_view_vertical)
     across, up = (round(math.degrees(angle), 9) for angle in view)
-    pixels = (own.number_of_pixels_horizontal, own.number_of_pixels_vertical)
+    pixels = (sensor.number_of_pixels_horizontal, sensor.number_of_pixels_vertical)
     if kind == "camera":
-        known: dict[str, Any] = {"fov_deg": (across, up)} if across and up else {}
-        known |= {"pixels": pixels} if all(pixels) else {}
+        values: dict[str, Any] = {"fov_deg": (across, up)} if across and up else {}
+        values |= {"pixels": pixels} if all(pixels) else {}
     else:
-        known = {"azimuth_deg": (-across / 2, across / 2)} if across else {}
-        known |= {"elevation_deg": (-up / 2, up / 2)} if up else {}
+        values = {"azimuth_deg": (-across / 2, across / 2)} if across else {}
+        values |= {"elevation_deg": (-up / 2, up / 2)} if up else {}
     model: type[CameraSettings | RadarSettings]
     model = CameraSettings if kind == "camera" else RadarSettings
-    return validated(model, {"z": 0.0} | known, "")
+    return validated(model, {"z": 0.0} | values, "")
 
 
-def write_osi(path: Path, lidars: Sequence[MountedLidar]) -> None:
-    """Write a configuration; ids count from 1, of each kind. Rays are given for LiDARs that have a
-    model, and their numbers for those without a pattern. OSI's fields of view are even about the
-    sensor's axis: the smallest that holds all beams."""
-    found: dict[str, list[Any]] = {"lidarSensorViewConfiguration": []}
+def write_osi(path: Path, lidars: Sequence[RigSensor]) -> None:
+    """Write a configuration; ids count from 1, of each kind.
+
+    Rays are given for LiDARs that have a model, and their numbers for those without a pattern.
+    OSI's fields of view are even about the sensor's axis: the smallest that holds all beams."""
+    content: dict[str, list[Any]] = {"lidarSensorViewConfiguration": []}
     for each in lidars:
-        views = found.setdefault(f"{each.kind}SensorViewConfiguration", [])
+        views = content.setdefault(f"{each.kind}SensorViewConfiguration", [])
         numbers = list(asdict(each.mount).items())
         place = {"position": dict(numbers[:3]), "orientation": dict(numbers[3:])}
-        known = {"sensorId": {"value": str(len(views) + 1)}, "mountingPosition": place}
-        views.append(known | _rays(each))
-    write_text(path, json.dumps(found, indent=1))
+        sensor = {"sensorId": {"value": str(len(views) + 1)}, "mountingPosition": place}
+        views.append(sensor | _rays(each))
+    write_text(path, json.dumps(content, indent=1))
 
 
-def _rays(mounted: MountedLidar) -> dict[str, Any]:
+def _rays(mounted: RigSensor) -> dict[str, Any]:
     if mounted.further is not None and (built := mounted.further.built()) is not None:
         if isinstance(built, Camera):
             angles = [

@@ -1,5 +1,6 @@
-"""Rigs as static transforms of ROS 2: nodes `static_transform_publisher` of an XML launch file
-with either way to write arguments (https://docs.ros.org/en/rolling/p/tf2_ros)."""
+"""Rigs as static transforms of ROS 2: nodes `static_transform_publisher` of an XML launch file.
+
+With either way to write arguments (https://docs.ros.org/en/rolling/p/tf2_ros)."""
 
 import math
 import shlex
@@ -12,7 +13,7 @@ import numpy as np
 
 from lidarplace.base.errors import InputError, at
 from lidarplace.files.xml import read_xml, write_xml
-from lidarplace.rig_files.mounted import BASE, Joint, MountedLidar, lidars_of, mount_in_frame
+from lidarplace.rig_files.mounted import BASE, Joint, RigSensor, lidars_of, mount_in_frame
 from lidarplace.rigs.placement import Mount
 from lidarplace.rigs.rotations import rotations
 
@@ -25,13 +26,14 @@ BY_ORDER = {
     len(names): names
     for names in ((*PLACE, "yaw", "pitch", "roll", *FRAMES), (*PLACE, *QUATERNION, *FRAMES))
 }
-"""What arguments without names are, by their number. Angles begin with yaw."""
+"""Names of arguments without names, by their number. Angles begin with yaw."""
 
 
-def read_ros2(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The frames that are LiDARs, as `lidars_of` knows them. The file is read, not launched:
-    substitutions and conditions are refused. Raises ValueError: it is no launch file, a transform
-    is none, or frames are not of a vehicle."""
+def read_ros2(path: Path, only: Sequence[str]) -> list[RigSensor]:
+    """Read the frames that are LiDARs, see `lidars_of`.
+
+    The file is read, not launched: substitutions and conditions are rejected. Raises ValueError: it
+    is no launch file, a transform is none, or frames are not of a vehicle."""
     root = read_xml(path)
     with at(path):
         if root.tag != "launch":
@@ -55,36 +57,36 @@ def _joint(node: Element, number: int) -> Joint:
             words = shlex.split(text)
         except ValueError as error:
             raise InputError(f"{error}: {text!r}", key="args") from None
-        given = _by_name(words)
+        arguments = _by_name(words)
         for name in FRAMES:
-            if name not in given:
+            if name not in arguments:
                 raise InputError(f"no --{name} in {text!r}")
-        numbers = {n: _number(n, word) for n, word in given.items() if n not in FRAMES}
+        numbers = {n: _number(n, word) for n, word in arguments.items() if n not in FRAMES}
         position = np.array([numbers.get(name, 0.0) for name in PLACE])
         quaternion = [numbers.get(name, float(name == "qw")) for name in QUATERNION]
-        if set(given) & set(QUATERNION):
+        if set(arguments) & set(QUATERNION):
             matrix = rotations(quaternion).as_matrix()
         else:
             angles = [numbers.get(name, 0.0) for name in ANGLES]
             matrix = Mount(*position, *angles).rotation
-        return Joint(given["frame-id"], given["child-frame-id"], position, matrix)
+        return Joint(arguments["frame-id"], arguments["child-frame-id"], position, matrix)
 
 
 def _by_name(words: Sequence[str]) -> dict[str, str]:
-    """Arguments by name; both ways to write them."""
+    """Return arguments by name; both ways to write them."""
     if not any(word.startswith("--") for word in words):
         if len(words) not in BY_ORDER:
             needed = "x y z yaw pitch roll or x y z qx qy qz qw, and two frames"
             raise InputError(key="args", expected=needed, found=f"{len(words)} arguments")
         return dict(zip(BY_ORDER[len(words)], words, strict=True))
     allowed = (*PLACE, *ANGLES, *QUATERNION, *FRAMES)
-    given = dict(zip(words[::2], words[1::2], strict=False))
-    for name in given:
+    arguments = dict(zip(words[::2], words[1::2], strict=False))
+    for name in arguments:
         if not name.startswith("--") or name[2:] not in allowed:
             raise InputError(key="args", expected=f"--{', --'.join(allowed)}", found=name)
     if len(words) % 2:
         raise InputError("has no value", key=words[-1])
-    return {name[2:]: word for name, word in given.items()}
+    return {name[2:]: word for name, word in arguments.items()}
 
 
 def _number(name: str, word: str) -> float:
@@ -94,7 +96,7 @@ def _number(name: str, word: str) -> float:
     raise InputError(key=name, expected="a finite number", found=repr(word))
 
 
-def write_ros2(path: Path, lidars: Sequence[MountedLidar]) -> None:
+def write_ros2(path: Path, lidars: Sequence[RigSensor]) -> None:
     """Write a launch file with a publisher for every LiDAR, in `base_link`."""
     root = Element("launch")
     for lidar in lidars:

@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError, at
 from lidarplace.files.xml import read_xml, write_xml
-from lidarplace.rig_files.mounted import BASE, Joint, MountedLidar, lidars_of, mount_in_frame
+from lidarplace.rig_files.mounted import BASE, Joint, RigSensor, lidars_of, mount_in_frame
 from lidarplace.rigs.placement import Mount
 
 
-def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:
-    """The links that are LiDARs, as `lidars_of` knows them. `rpy` are roll, pitch and yaw about
-    fixed axes, which is `Rz(yaw) Ry(pitch) Rx(roll)`. Raises ValueError: the file is no URDF, is
-    xacro, or its frames are none of a vehicle."""
+def read_urdf(path: Path, only: Sequence[str]) -> list[RigSensor]:
+    """Read the links that are LiDARs, see `lidars_of`.
+
+    `rpy` are roll, pitch and yaw about fixed axes, which is `Rz(yaw) Ry(pitch) Rx(roll)`. Raises
+    ValueError: the file is no URDF, is xacro, or its frames are none of a vehicle."""
     root = read_xml(path)
     with at(path):
         if root.tag != "robot":
@@ -38,13 +39,13 @@ def _joint(element: Element) -> Joint:
 
 
 def _link(joint: Element, name: str) -> str:
-    for found in joint.iterfind(f"{name}[@link]"):
-        return found.attrib["link"]
+    for element in joint.iterfind(f"{name}[@link]"):
+        return element.attrib["link"]
     raise InputError(f"no {name} with a link")
 
 
 def _vector(origin: Element | None, key: str) -> NDArray[np.float64]:
-    """Three numbers of an origin, which are 0 if it is left out."""
+    """Return three numbers of an origin, which are 0 if it is left out."""
     text = "0 0 0" if origin is None else origin.get(key, "0 0 0")
     with suppress(ValueError):
         values = np.array([float(word) for word in text.split()])
@@ -53,7 +54,7 @@ def _vector(origin: Element | None, key: str) -> NDArray[np.float64]:
     raise InputError(key=key, expected="3 finite numbers", found=repr(text))
 
 
-def write_urdf(path: Path, lidars: Sequence[MountedLidar]) -> None:
+def write_urdf(path: Path, lidars: Sequence[RigSensor]) -> None:
     """Write a link `base_link`, and one with a fixed joint for every LiDAR."""
     root = Element("robot", name=path.stem)
     SubElement(root, "link", name=BASE)

@@ -1,4 +1,4 @@
-"""What a LiDAR on a real vehicle loses that the model of its rays returns."""
+"""Correction of a LiDAR: returns that its ray model has and a real vehicle loses."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Mask:
     def at(
         self, azimuths: NDArray[np.float64], elevations: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Shares in these directions, radians; the arguments are broadcast."""
+        """Return shares in these directions, radians; the arguments are broadcast."""
         table = np.array(self.shares)
         turns = (azimuths + math.pi) / (2 * math.pi) % 1.0
         columns = np.floor(turns * table.shape[1] + _HAIR).astype(np.int64) % table.shape[1]
@@ -61,8 +61,7 @@ class Correction:
     """The probability that a ray returns from what it hits.
 
     It is `factor * exp(-range / distance) * mask`, at most 1, for a ray on an object and `mask` for
-    all other hits. `Lidar.drop_off` is lost besides.
-    """
+    all other hits. `Lidar.drop_off` is lost besides."""
 
     factor: tuple[tuple[str, float], ...] = ()
     """Pairs of a class of objects and its factor, in [0, MOST_FACTOR]; class OTHER stands for those
@@ -91,11 +90,11 @@ class Correction:
 
     @property
     def loss(self) -> float:
-        """1 / `distance`, 0 without one, 1/m."""
+        """Inverse of `distance`, 1/m; 0 without one."""
         return 0.0 if self.distance is None else 1.0 / self.distance
 
     def factors_of(self, classes: Iterable[str]) -> NDArray[np.float64]:
-        """Factors of objects of these classes, shape (objects,)."""
-        known = dict(self.factor)
-        rest = known.get(OTHER, 1.0)
-        return np.array([known.get(name, rest) for name in classes], np.float64)
+        """Return factors of objects of these classes, shape (objects,)."""
+        factors = dict(self.factor)
+        rest = factors.get(OTHER, 1.0)
+        return np.array([factors.get(name, rest) for name in classes], np.float64)

@@ -41,10 +41,10 @@ class MountedSensor:
 
     @property
     def kind(self) -> Kind:
-        """Which of the two."""
+        """Kind of the sensor: camera or radar."""
         return "camera" if isinstance(self.model, Camera) else "radar"
 
     def range_of(self, object_class: str | None) -> float:
-        """How far an object of a class, or any other, is seen, metres; infinite without end."""
+        """Return the range for objects of a class, or any other, metres; infinite without end."""
         ranges = dict(self.model.ranges)
         return ranges.get(object_class or "", ranges.get("", math.inf))

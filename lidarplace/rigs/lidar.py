@@ -30,7 +30,7 @@ PATTERN_FRAMES = 20  # of a rosette, until it begins anew
 
 @lru_cache(maxsize=8)
 def pattern_in(sheet: Datasheet) -> ScanPattern | None:
-    """The pattern of a LiDAR of the catalogue; None for one whose beams turn."""
+    """Return the pattern of a LiDAR of the catalogue; None for one whose beams turn."""
     if sheet.rosette is None:
         return None
     first, second = (rpm / 60.0 / FRAMES_PER_S for rpm in sheet.rosette.rpm)
@@ -40,8 +40,9 @@ def pattern_in(sheet: Datasheet) -> ScanPattern | None:
 
 @dataclass(frozen=True)
 class Lidar:
-    """A LiDAR that fires every beam at every azimuth step within its field of view; or each of
-    the rays of a pattern, which are beams that fire once in a frame, at an azimuth of their own.
+    """A LiDAR that fires every beam at every azimuth step within its field of view.
+
+    Or it fires the rays of a pattern: beams that fire once in a frame, at an azimuth of their own.
 
     Attributes:
         elevations: elevation of every beam above the sensor's xy plane, radians, in [-pi/2, pi/2].
@@ -72,8 +73,7 @@ class Lidar:
     Raises:
         ValueError: a value is out of its bounds, no azimuth step is in the field of view, light
             is lost by a LiDAR that sees surfaces of 10 % as far as those of 80 %, or a LiDAR with a
-            pattern has azimuth steps.
-    """
+            pattern has azimuth steps."""
 
     elevations: tuple[float, ...]
     azimuth_steps: int
@@ -148,8 +148,8 @@ class Lidar:
             each = "none for a pattern" if self.pattern else f"one for each of {self.beams} beams"
             raise InputError(key="offsets", expected=each, found=len(self.offsets))
         if not all(abs(offset) <= MOST_OFFSET for offset in self.offsets):
-            found = f"{min(self.offsets):g} to {max(self.offsets):g} m"
-            raise InputError(key="offsets", expected=f"at most ±{MOST_OFFSET:g} m", found=found)
+            ends = f"{min(self.offsets):g} to {max(self.offsets):g} m"
+            raise InputError(key="offsets", expected=f"at most ±{MOST_OFFSET:g} m", found=ends)
 
     def __repr__(self) -> str:
         low, high = np.degrees([min(self.elevations), max(self.elevations)])
@@ -166,7 +166,7 @@ class Lidar:
 
     @classmethod
     def paper(cls) -> Lidar:
-        """The paper's sensor: 16 beams from -25 to 5 degrees, 90,000 points a frame at 20 Hz."""
+        """Return the paper's sensor: 16 beams, -25 to 5 degrees, 90,000 points a frame at 20 Hz."""
         return cls.even()
 
     @classmethod
@@ -178,10 +178,9 @@ class Lidar:
         azimuth_deg: tuple[float, float] = (-180.0, 180.0),
         **limits: Any,
     ) -> Lidar:
-        """Beams evenly spread from the lowest to the highest elevation, degrees, as in settings.
+        """Return a LiDAR of beams evenly spread from the lowest to the highest elevation, degrees.
 
-        `limits` are other attributes, such as `range`.
-        """
+        `limits` are other attributes, such as `range`."""
         if beams < 1:
             raise InputError(key="beams", expected="at least 1", found=beams)
         low, high = azimuth_deg
@@ -194,12 +193,11 @@ class Lidar:
 
     @classmethod
     def named(cls, name: str) -> Lidar:
-        """A LiDAR of the catalogue, "vlp16" or "VLP-16": `lidarplace sensors` lists them.
+        """Return a LiDAR of the catalogue, "vlp16" or "VLP-16": `lidarplace sensors` lists them.
 
         It turns 10 times a second, "hdl32e@20hz" 20 times, with half of the azimuth steps. Its
         range noise is 0 where no source gives a standard deviation. Raises ValueError if there is
-        none of that name.
-        """
+        none of that name."""
         sheet = datasheet(name)
         low, high = map(math.radians, sheet.azimuth_deg)
         return cls(
@@ -219,36 +217,34 @@ class Lidar:
 
     @classmethod
     def patterned(cls, pattern: ScanPattern, **limits: Any) -> Lidar:
-        """A LiDAR that fires the rays of `pattern`.
+        """Return a LiDAR that fires the rays of `pattern`.
 
-        `limits` are other attributes, such as `range`.
-        """
+        `limits` are other attributes, such as `range`."""
         return cls((), 1, pattern=pattern, **limits)
 
     def in_frame(self, number: int) -> Lidar:
-        """As it fires in a frame of that number: the same but for a pattern that goes on."""
+        """Return the LiDAR as it fires in frame `number`, which changes only a pattern."""
         if self.pattern is None or number % self.pattern.frames == self.frame:
             return self
         return _in_frame(self, number % self.pattern.frames)
 
     def in_weather(self, weather: Weather) -> Lidar:
-        """The same LiDAR in that weather, whatever air it was in."""
+        """Return the LiDAR in that weather, whatever air it was in."""
         extinction = weather.extinction(self.wavelength)
         return self if extinction == self.extinction else replace(self, extinction=extinction)
 
     def corrected(self, by: Corrects, unit: str | None = None) -> Lidar:
-        """The same LiDAR as on a real vehicle, in clouds, `expected_recall` and requirements.
+        """Return the LiDAR as on a real vehicle, in clouds, `expected_recall` and requirements.
 
         `by` is what `read_correction` reads, `unit` the name of the LiDAR on that vehicle whose
         mask and beams apply; None: what holds for the whole vehicle alone. Raises ValueError: there
-        is no such unit, or what is known of it does not fit this LiDAR.
-        """
+        is no such unit, or what is known of it does not fit this LiDAR."""
         return by.applied_to(self, unit)
 
     def nearsighted(self, factor: float) -> Lidar:
-        """The same LiDAR that sees so much of its ranges, whatever reflects."""
-        known = {name: getattr(self, name) for name in ("range", "range_10", "range_80")}
-        return replace(self, **{n: factor * own for n, own in known.items() if own is not None})
+        """Return the LiDAR with all its ranges multiplied by `factor`."""
+        ranges = {name: getattr(self, name) for name in ("range", "range_10", "range_80")}
+        return replace(self, **{n: factor * m for n, m in ranges.items() if m is not None})
 
     @property
     def beams(self) -> int:
@@ -262,7 +258,7 @@ class Lidar:
 
     @property
     def first_step(self) -> int:
-        """The first azimuth step that is fired, in [0, azimuth_steps); the next ones follow it."""
+        """First azimuth step that is fired, in [0, azimuth_steps); the next ones follow it."""
         if self.full_turn or self.pattern is not None:
             return 0
         return math.ceil((self.azimuth[0] - HAIR) / self._step) % self.azimuth_steps
@@ -282,36 +278,34 @@ class Lidar:
 
     @property
     def falloff(self) -> float:
-        """k of `sight`: 1/2 is the inverse square law; less where the air takes light, too."""
+        """Exponent k of `sight`: 1/2 is the inverse square law; less where air takes light, too."""
         if self.range_10 is None or self.range_80 is None:
             return 0.5
         return math.log(self.range_80 / self.range_10) / math.log(8.0)
 
     @property
     def reach(self) -> float:
-        """How far is seen what is seen up to `range` in clear air through a clean window, metres.
+        """Distance up to which surfaces return, metres, where no reflectivity is known.
 
-        For who knows no reflectivity: surrogates of the POG, coverage.
-        """
+        `range` is that in clear air through a clean window. For surrogates of the POG, coverage."""
         clean = self.range * self.window ** (2.0 * self.falloff)
         return float(shortened(clean, self.fading))
 
     @property
     def fading(self) -> float:
-        """Of a surface at R metres `sight` is as of one at `R exp(fading R)` in clear air, 1/m.
+        """Rate, 1/m, with which `sight` of a surface at R metres is as of one at `R exp(fading R)`.
 
-        The air leaves exp(-2 extinction R) of the light on its way out and back (Beer and Lambert),
-        and what the light is worth in metres is its power of k, see `falloff`.
-        """
+        In clear air, that is: the air leaves exp(-2 extinction R) of the light on its way out and
+        back (Beer and Lambert), and what the light is worth in metres is its power of k, see
+        `falloff`."""
         return 2.0 * self.falloff * self.extinction
 
     def sight(self, reflected: ArrayLike) -> NDArray[np.float64]:
-        """How far surfaces still return, metres: `min(range, range_10 (light / 0.1)^k)`.
+        """Return the distance up to which surfaces return: `min(range, range_10 (light / 0.1)^k)`.
 
-        With k such that it is `range_80` for 0.8, see `falloff`; `light` is what of the reflected,
-        reflectivity times the cosine of incidence (Lambert's law), passes air and window. `reach`
-        where `range_10` is not known.
-        """
+        Metres, with k such that it is `range_80` for 0.8, see `falloff`; `light` is what of the
+        reflected, reflectivity times the cosine of incidence (Lambert's law), passes air and
+        window. `reach` where `range_10` is not known."""
         light = np.asarray(reflected, np.float64) * self.window**2
         if self.range_10 is None:
             return np.full(light.shape, self.reach)
@@ -323,11 +317,10 @@ class Lidar:
         return 2 * math.pi / self.azimuth_steps
 
     def thinned(self, share: float) -> Lidar:
-        """The same LiDAR with `share` of its azimuth steps, rounded, at least one in a turn.
+        """Return the LiDAR with `share` of its azimuth steps, rounded, at least one in a turn.
 
         Of a pattern a share of the rays. Raises ValueError: `share` is not within (0, 1], or no
-        step that is left is in the field of view.
-        """
+        step that is left is in the field of view."""
         if not 0 < share <= 1:
             raise InputError(key="share", expected="a number within (0, 1]", found=share)
         if share == 1:
@@ -337,30 +330,28 @@ class Lidar:
         return replace(self, azimuth_steps=max(1, round(share * self.azimuth_steps)))
 
     def azimuths(self) -> NDArray[np.float64]:
-        """Azimuths at which beams fire, in this order, radians, in [0, 2 pi) for those that turn.
+        """Return the azimuths at which beams fire, in this order, radians.
 
-        Multiples of a step, `2 pi / azimuth_steps`, from 0 for a full turn, else from the first
-        one in the field of view: the same for all beams, shape (fired_steps,). Of a pattern one
-        of each beam, ascending in [-pi, pi), shape (beams, 1).
-        """
+        Multiples of a step, `2 pi / azimuth_steps`, in [0, 2 pi), from 0 for a full turn, else from
+        the first one in the field of view: the same for all beams, shape (fired_steps,). Of a
+        pattern one of each beam, ascending in [-pi, pi), shape (beams, 1)."""
         if self.pattern is not None:
             return self.pattern.of_frame(self.frame)[0][:, None]
         steps = (self.first_step + np.arange(self.fired_steps)) % self.azimuth_steps
         return steps.astype(np.float64) * self._step
 
     def directions(self) -> NDArray[np.float64]:
-        """Unit vectors of all rays in the sensor's frame, shape (beams * fired_steps, 3).
+        """Return unit vectors of all rays in the sensor's frame, shape (beams * fired_steps, 3).
 
-        Rays of one beam are contiguous.
-        """
+        Rays of one beam are contiguous."""
         return unit_vectors(np.asarray(self.elevations), self.azimuths())
 
 
 class Corrects(Protocol):
-    """What was learnt from recordings of a vehicle."""
+    """Corrections that were learnt from recordings of a vehicle."""
 
     def applied_to(self, lidar: Lidar, unit: str | None) -> Lidar:
-        """See `Lidar.corrected`."""
+        """Return the corrected LiDAR, see `Lidar.corrected`."""
 
 
 @lru_cache(maxsize=64)
@@ -371,9 +362,10 @@ def _in_frame(lidar: Lidar, number: int) -> Lidar:
 def unit_vectors(
     elevations: NDArray[np.float64], azimuths: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Directions of rays, shape (beams * steps, 3); those of one beam are contiguous. Elevations
-    are above the xy plane, shape (beams,), azimuths from the x axis towards y, of all beams, shape
-    (steps,), or of each, shape (beams, steps); radians."""
+    """Return directions of rays, shape (beams * steps, 3); those of one beam are contiguous.
+
+    Elevations are above the xy plane, shape (beams,), azimuths from the x axis towards y, of all
+    beams, shape (steps,), or of each, shape (beams, steps); radians."""
     up = elevations[:, None]
     level = np.cos(up)
     x, y = level * np.cos(azimuths), level * np.sin(azimuths)

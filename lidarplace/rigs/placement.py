@@ -1,4 +1,4 @@
-"""Where the LiDARs sit: mounts, placements and the paper's eight."""
+"""Placements: mounts of LiDARs, rigs, and the paper's eight."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Mount:
         pitch: float = 0.0,
         yaw: float = 0.0,
     ) -> Mount:
-        """A mount whose angles are given in degrees."""
+        """Return a mount whose angles are given in degrees."""
         return cls(x, y, z, math.radians(roll), math.radians(pitch), math.radians(yaw))
 
     def __repr__(self) -> str:
@@ -102,16 +102,16 @@ class Placement(Plottable):
         where = f"placement {self.name!r}"
         mounts = (None,) if isinstance(self.mounts, Mount) else tuple(self.mounts)
         if not all(isinstance(mount, Mount) for mount in mounts):
-            own = repr(self.mounts)
-            raise InputError(place=where, key="mounts", expected="a list of Mount(…)", found=own)
+            text = repr(self.mounts)
+            raise InputError(place=where, key="mounts", expected="a list of Mount(…)", found=text)
         object.__setattr__(self, "mounts", mounts)
         if not self.mounts:
             raise InputError("no LiDAR", place=where)
         if not isinstance(self.lidar, Lidar):
             models = tuple(self.lidar)
             if not all(isinstance(model, Lidar) for model in models):
-                allowed, own = "a Lidar, or a list of them", repr(self.lidar)
-                raise InputError(place=where, key="lidar", expected=allowed, found=own)
+                allowed, text = "a Lidar, or a list of them", repr(self.lidar)
+                raise InputError(place=where, key="lidar", expected=allowed, found=text)
             if len(models) != len(self.mounts):
                 allowed = f"one model, or one for each of {len(self.mounts)} mounts"
                 raise InputError(place=where, key="lidar", expected=allowed, found=len(models))
@@ -138,39 +138,40 @@ class Placement(Plottable):
 
     @property
     def lidars(self) -> tuple[Lidar, ...]:
-        """The model of every mount."""
+        """Model of every mount."""
         if isinstance(self.lidar, Lidar):
             return (self.lidar,) * len(self.mounts)
         return tuple(self.lidar)
 
     def with_lidar(self, lidar: Lidar | Sequence[Lidar]) -> Placement:
-        """The same mounts with another LiDAR model, or with one for each."""
+        """Return the placement with another LiDAR model, or with one for each mount."""
         same = lidar == self.lidar if isinstance(lidar, Lidar) else tuple(lidar) == self.lidars
         return self if same else replace(self, lidar=lidar)
 
     def each_lidar(self, change: Callable[[Lidar], Lidar]) -> Placement:
-        """The same mounts with a change of every LiDAR model, which is made once a model."""
+        """Return the placement with a change of every LiDAR model, made once a model."""
         changed = {lidar: change(lidar) for lidar in dict.fromkeys(self.lidars)}
         return self.with_lidar([changed[lidar] for lidar in self.lidars])
 
     def in_weather(self, weather: Weather) -> Placement:
-        """The same rig in that weather."""
+        """Return the placement in that weather."""
         return self.each_lidar(lambda lidar: lidar.in_weather(weather))
 
 
 def blocks(mount: Mount, lidar: Lidar) -> list[tuple[Mount, Lidar, slice]]:
-    """A LiDAR as LiDARs whose rays start at their origins: the runs of beams with one offset.
+    """Return a LiDAR as LiDARs whose rays start at their origins: runs of beams with one offset.
+
     Mount, model without offsets and, in the order of `Lidar.directions()`, the numbers of the rays
     of each; the LiDAR itself where it has no offsets."""
     if lidar.offsets is None:
         return [(mount, lidar, slice(0, lidar.rays))]
-    up, first, found = mount.rotation[:, 2], 0, []
+    up, first, parts = mount.rotation[:, 2], 0, []
     for offset, beams in groupby(range(lidar.beams), lidar.offsets.__getitem__):
-        own = replace(lidar, elevations=tuple(lidar.elevations[b] for b in beams), offsets=None)
+        block = replace(lidar, elevations=tuple(lidar.elevations[b] for b in beams), offsets=None)
         x, y, z = (mount.position + offset * up).tolist()
-        found.append((replace(mount, x=x, y=y, z=z), own, slice(first, first + own.rays)))
-        first += own.rays
-    return found
+        parts.append((replace(mount, x=x, y=y, z=z), block, slice(first, first + block.rays)))
+        first += block.rays
+    return parts
 
 
 # The paper's table of coordinates, in CARLA's convention: (x, y, z, roll, pitch).
@@ -193,7 +194,7 @@ _PAPER_TABLE: dict[str, tuple[tuple[float, ...], ...]] = {
 
 
 class _ByName(dict[str, Placement]):
-    """Says which name may have been meant."""
+    """Placements by name; an unknown name is answered with a similar one."""
 
     def __missing__(self, name: object) -> Placement:
         hint = did_you_mean(name, self) if isinstance(name, str) else ""
@@ -204,4 +205,4 @@ PAPER_PLACEMENTS: dict[str, Placement] = _ByName(
     (name, Placement(name, [Mount(*from_carla(*row)) for row in rows], Lidar.paper()))
     for name, rows in _PAPER_TABLE.items()
 )
-"""The paper's eight placements in our right-handed ego frame, with its LiDAR."""
+"""Placements of the paper, eight, in our right-handed ego frame, with its LiDAR."""

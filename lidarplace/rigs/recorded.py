@@ -1,4 +1,4 @@
-"""The rig of a recording: which LiDARs were on the vehicle, where, and of what model."""
+"""Rig of a recording: which LiDARs were on the vehicle, where, and of what model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from lidarplace.rigs.placement import Placement
 
 MOST_MM = 10.0
 MOST_DEGREES = 0.5
-"""By which mounts of one rig may differ between scenes: as much as mounting errors."""
+"""Largest difference of mounts of one rig between scenes, as that of mounting errors."""
 
 
 @dataclass(frozen=True)
@@ -40,24 +40,27 @@ class RecordedRig:
                 raise InputError(wrong, key="rig", expected=fix)
 
     def subset(self, names: Sequence[str]) -> "RecordedRig":
-        """The rig with these LiDARs only, in its own order. Raises ValueError: a name is unknown,
-        or there is none."""
+        """Return the rig with these LiDARs only, in its own order.
+
+        Raises ValueError: a name is unknown, or there is none."""
         for name in names:
             if name not in self.names:
                 hint = did_you_mean(name, self.names)
                 wrong = f"unknown LiDAR {name!r}{hint} of the recorded rig"
                 raise InputError(wrong, expected=", ".join(self.names))
-        kept = [n for n, name in enumerate(self.names) if name in names]
-        own = tuple(self.names[n] for n in kept)
+        numbers = [n for n, name in enumerate(self.names) if name in names]
+        lidar_names = tuple(self.names[n] for n in numbers)
         mounts, lidars = self.placement.mounts, self.placement.lidars
-        name = "+".join(own) if len(own) < len(self.names) else self.placement.name
-        rig = Placement(name, [mounts[n] for n in kept], [lidars[n] for n in kept])
-        return RecordedRig(own, rig)
+        name = "+".join(lidar_names) if len(lidar_names) < len(self.names) else self.placement.name
+        rig = Placement(name, [mounts[n] for n in numbers], [lidars[n] for n in numbers])
+        return RecordedRig(lidar_names, rig)
 
 
 def one_rig(rigs: Mapping[str, RecordedRig]) -> RecordedRig:
-    """The rig of all scenes, that of the first one. Raises ValueError: there is none, or scenes
-    have other LiDARs, or mounts that differ by more than `MOST_MM` or `MOST_DEGREES`."""
+    """Return the rig of all scenes, that of the first one.
+
+    Raises ValueError: there is none, or scenes have other LiDARs, or mounts that differ by more
+    than `MOST_MM` or `MOST_DEGREES`."""
     if not rigs:
         raise InputError("no recorded rig", fix="convert the log with its calibration")
     (first, rig), *others = rigs.items()

@@ -13,8 +13,10 @@ TILTED, LEVEL = np.cos(np.radians([30, 15]))  # vertical part of a LiDAR's axis
 
 
 def rotations(quaternions: ArrayLike, row: Callable[[int], str] = lambda n: "") -> Rotation:
-    """Rotations of quaternions x, y, z, w, (N, 4) or (4,). Raises InputError for the first whose
-    length is more than `MOST_OFF` off 1; `row` names its row."""
+    """Return the rotations of quaternions x, y, z, w, (N, 4) or (4,).
+
+    Raises InputError for the first whose length is more than `MOST_OFF` off 1; `row` names its
+    row."""
     lengths = np.linalg.norm(np.atleast_2d(quaternions), axis=-1)
     if (wrong := np.flatnonzero(~(np.abs(lengths - 1) <= MOST_OFF))).size:
         length = f"{lengths[wrong[0]]:.6g}"
@@ -28,8 +30,10 @@ def rotations(quaternions: ArrayLike, row: Callable[[int], str] = lambda n: "") 
 def rotations_of(
     matrices: NDArray[np.float64], row: Callable[[int], str] = lambda n: ""
 ) -> Rotation:
-    """Rotations of matrices, (N, 3, 3) or (3, 3). Raises InputError for the first whose columns
-    are not of length 1, or not at right angles, by more than twice `MOST_OFF`, or that mirrors."""
+    """Return the rotations of matrices, (N, 3, 3) or (3, 3).
+
+    Raises InputError for the first whose columns are not of length 1, or not at right angles, by
+    more than twice `MOST_OFF`, or that mirrors."""
     each = np.reshape(matrices, (-1, 3, 3))
     off = np.abs(each.transpose(0, 2, 1) @ each - np.eye(3)).max(axis=(1, 2), initial=0.0)
     wrong = np.flatnonzero(~(off <= 2 * MOST_OFF) | ~(np.linalg.det(each) > 0))
@@ -40,8 +44,9 @@ def rotations_of(
 
 
 def order_caution(names: Iterable[str], matrices: NDArray[np.float64]) -> list[str]:
-    """A caution of LiDARs that hang tilted, where all of a rig are level once their quaternion
-    w, x, y, z is read as x, y, z, w; sensor-to-vehicle matrices, (N, 3, 3)."""
+    """Caution of tilted LiDARs if all are level once quaternions w, x, y, z are read as x, y, z, w.
+
+    `matrices` are sensor-to-vehicle, (N, 3, 3)."""
     quaternions = Rotation.from_matrix(matrices).as_quat(scalar_first=True)
     upright = Rotation.from_quat(quaternions).as_matrix()[:, 2, 2]
     tilted = [name for name, up in zip(names, matrices[:, 2, 2], strict=True) if up < TILTED]

@@ -55,19 +55,18 @@ class ScanPattern:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the content."""
-        found = hashlib.sha256(str(self.rays_per_frame).encode())
+        digest = hashlib.sha256(str(self.rays_per_frame).encode())
         for angles in (self.azimuths, self.elevations):
-            found.update(angles.tobytes())
-        return found.hexdigest()
+            digest.update(angles.tobytes())
+        return digest.hexdigest()
 
     @property
     def frames(self) -> int:
-        """Whole frames in the table."""
+        """Number of whole frames in the table."""
         return len(self.azimuths) // self.rays_per_frame
 
     def of_frame(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Azimuths, in [-pi, pi) and ascending, and elevations of the rays of a frame, of any
-        number."""
+        """Return azimuths, ascending in [-pi, pi), and elevations of the rays of any frame."""
         first = number % self.frames * self.rays_per_frame
         rows = slice(first, first + self.rays_per_frame)
         azimuths = (self.azimuths[rows] + math.pi) % (2 * math.pi) - math.pi
@@ -75,17 +74,19 @@ class ScanPattern:
         return azimuths[order], self.elevations[rows][order]
 
     def thinned(self, share: float) -> "ScanPattern":
-        """Of every frame a share, in (0, 1], of the rays, rounded, at least one, evenly spread in
-        time."""
+        """Return the pattern with a share, in (0, 1], of the rays of every frame.
+
+        Rounded, at least one, evenly spread in time."""
         few = max(1, round(share * self.rays_per_frame))
-        kept = (2 * np.arange(few) + 1) * self.rays_per_frame // (2 * few)
-        rows = (np.arange(self.frames)[:, None] * self.rays_per_frame + kept).reshape(-1)
+        fired = (2 * np.arange(few) + 1) * self.rays_per_frame // (2 * few)
+        rows = (np.arange(self.frames)[:, None] * self.rays_per_frame + fired).reshape(-1)
         return ScanPattern(self.azimuths[rows], self.elevations[rows], few)
 
     @cached_property
     def field_of_view(self) -> tuple[float, float]:
-        """The narrowest interval of azimuths that holds all rays; a turn if its gap is below 5
-        degrees. Radians, [min, max)."""
+        """The narrowest interval of azimuths that holds all rays, radians, [min, max).
+
+        A turn if its gap is below 5 degrees."""
         turned = np.unique(self.azimuths % (2 * math.pi))
         gaps = np.diff(turned, append=turned[0] + 2 * math.pi)
         widest = int(gaps.argmax())
@@ -99,13 +100,14 @@ class ScanPattern:
     def of_prisms(
         cls, turns: tuple[float, float], field_of_view: float, rays_per_frame: int, frames: int
     ) -> "ScanPattern":
-        """The rosette of two turning prisms about the sensor's x axis. Each prism bends the ray by
-        a quarter of the field of view towards where its thick side is, and bends add up: the
-        paraxial model of Risley prisms (Marshall 1999, Risley prism scan patterns, Proc. SPIE 3787,
-        74). `turns` are of either prism in a frame, signed, the field of view is a cone, radians;
-        rays are evenly spread in time."""
+        """Return the rosette of two turning prisms about the sensor's x axis.
+
+        Each prism bends the ray by a quarter of the field of view towards where its thick side is,
+        and bends add up: the paraxial model of Risley prisms (Marshall 1999, Risley prism scan
+        patterns, Proc. SPIE 3787, 74). `turns` are of either prism in a frame, signed, the field of
+        view is a cone, radians; rays are evenly spread in time."""
         time = np.arange(frames * rays_per_frame) / rays_per_frame
-        bent = sum(np.exp(2j * math.pi * (own * time % 1.0)) for own in turns)
+        bent = sum(np.exp(2j * math.pi * (turn * time % 1.0)) for turn in turns)
         bent = 0.25 * field_of_view * np.asarray(bent)
         away, clock = np.abs(bent), np.angle(bent)
         side, up = np.sin(away) * np.cos(clock), np.sin(away) * np.sin(clock)

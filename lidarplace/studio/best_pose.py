@@ -1,4 +1,4 @@
-"""The best pose of one LiDAR of a rig, or of one more, all others staying where they are."""
+"""Best pose of one LiDAR of a rig, or of one more, while all others stay where they are."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, field, replace
@@ -21,26 +21,26 @@ from lidarplace.studio.violations import requirement_results, totals_above, viol
 ROUNDS = 4
 PER_ROUND = 32
 """Poses that are tried in each round and zone; each round looks half as far around the best."""
-JUDGED = 4
-"""Of a round so many, those that find most, are asked for requirements, until one keeps them."""
+CHECKED = 4
+"""Number of poses of a round, those that find most, whose requirements are checked in turn."""
 TURN_DEG = (10.0, 20.0, 20.0)
-"""How far roll, pitch and yaw go in the first round."""
+"""Range of roll, pitch and yaw in the first round, degrees."""
 ANY_HEADING_DEG = (10.0, 20.0, 180.0)
-"""The same of one more LiDAR that does not look all around."""
+"""Range of angles of one more LiDAR that does not look all around, degrees."""
 AROUND_M = 0.4
-"""How far a LiDAR goes to each side without zones, and how far above the body one more goes."""
+"""Distance to each side that a LiDAR goes without zones, and above the body one more, metres."""
 LEAST_DISTANCE_M = 1e-3
 """Least distance between two LiDARs, whatever the file allows."""
 RAYS = 20_000
-"""Of a LiDAR in a frame while poses are compared."""
+"""Rays of a LiDAR in a frame while poses are compared."""
 
 
 @dataclass(frozen=True)
 class BestPose:
-    """Where a LiDAR goes: in tenths of a degree and, where the zone has one, whole millimetres.
+    """A pose of a LiDAR in tenths of a degree and, where the zone has one, whole millimetres.
 
     `before` and `after` are means of `expected_recall` over classes, of all rays; `broken` are
-    constraints and names of requirements that poses which seem to find more would break."""
+    limits and names of requirements that poses which seem to find more would break."""
 
     mount: Mount
     before: float
@@ -53,25 +53,27 @@ class KeptLimits:
 
     def __init__(self, rig: Rig, file: RigsFile) -> None:
         self._file = file
-        self._broken = {(one.limit, one.lidars) for one in violations(rig, file)}
-        met = {
-            one.requirement.name for one in requirement_results(rig, file, file.layouts) if one.met
-        }
-        self._met = [own for own in file.layouts if own.requirement.name in met]
+        self._broken = {(broken.limit, broken.lidars) for broken in violations(rig, file)}
+        results = requirement_results(rig, file, file.layouts)
+        met = {result.requirement.name for result in results if result.met}
+        self._met = [layout for layout in file.layouts if layout.requirement.name in met]
 
     def broken_by(self, rig: Rig) -> tuple[str, ...]:
-        """Names of what held and does not under another rig, whose LiDARs have the same numbers.
-        Requirements, which take longest, are judged if all else is kept."""
+        """Return names of what held and does not under another rig with the same LiDARs.
+
+        Requirements, which take longest, are checked if all else is kept."""
         now = violations(rig, self._file)
-        broken = [one.limit for one in now if (one.limit, one.lidars) not in self._broken]
+        broken = [
+            result.limit for result in now if (result.limit, result.lidars) not in self._broken
+        ]
         if broken or not self._met:
             return tuple(dict.fromkeys(broken))
         met = {
-            one.requirement.name
-            for one in requirement_results(rig, self._file, self._met)
-            if one.met
+            result.requirement.name
+            for result in requirement_results(rig, self._file, self._met)
+            if result.met
         }
-        names = (own.requirement.name for own in self._met)
+        names = (layout.requirement.name for layout in self._met)
         return tuple(name for name in names if name not in met)
 
 
@@ -80,15 +82,15 @@ def improved(rig: Rig, number: int, file: RigsFile, meter: Meter) -> BestPose:
 
     Rounds of poses from a Sobol sequence, in the nearest zone and some degrees around, are compared
     with few rays; the best is kept only if it is better with all. What the file does not allow of a
-    single LiDAR is not tried, and what breaks a constraint or a requirement that holds is not
-    chosen. Raises ValueError: no object counts, or two LiDARs are in one place."""
+    single LiDAR is not tried, and what breaks a limit or a requirement that holds is not chosen.
+    Raises ValueError: no object counts, or two LiDARs are in one place."""
     search = _Search(rig, number, file, meter, KeptLimits(rig, file))
     old = rig.mounts[number]
     around = ((value - AROUND_M, value + AROUND_M) for value in old.position.tolist())
     zone = _nearest(file.zones, old) if file.zones else Zone.box("around", *around)
     first = search.best([old, *search.around(old, zone, 0, TURN_DEG)]) or old
     best = search.refined(first, (zone,), TURN_DEG)
-    before, after = search.found(old), search.found(best)
+    before, after = search.recall_at(old), search.recall_at(best)
     if after <= before:
         best, after = old, before
     return BestPose(best, before, after, search.broken)
@@ -114,7 +116,7 @@ def best_addition(rig: Rig, model: str | None, file: RigsFile, meter: Meter) -> 
         raise ValueError(f"no pose was found that the file allows for one more LiDAR{broken}")
     best = search.refined(first, zones, turn)
     alone = meter.measure(search.others).mean_recall
-    return BestPose(best, alone, search.found(best), search.broken)
+    return BestPose(best, alone, search.recall_at(best), search.broken)
 
 
 def _nearest(zones: Sequence[Zone], mount: Mount) -> Zone:
@@ -122,7 +124,7 @@ def _nearest(zones: Sequence[Zone], mount: Mount) -> Zone:
 
 
 def _above(file: RigsFile) -> Zone:
-    """On and above the middle of the body."""
+    """Return the zone on and above the middle of the body."""
     extents = file.vehicle.body.extents
     low = extents[:, 0].min(axis=0, initial=0.0).tolist()
     high = extents[:, 1].max(axis=0, initial=0.0).tolist()
@@ -131,7 +133,7 @@ def _above(file: RigsFile) -> Zone:
 
 @dataclass(frozen=True)
 class _Search:
-    """For the pose of LiDAR `number` of a rig, under which `held` still holds."""
+    """Search for the pose of LiDAR `number` of a rig, under which `held` still holds."""
 
     rig: Rig
     number: int
@@ -146,16 +148,16 @@ class _Search:
 
     @cached_property
     def lidar(self) -> Lidar:
-        """Its model."""
+        """Model of the LiDAR."""
         return self.rig.models(self.file.lidar)[self.number]
 
     @cached_property
     def others(self) -> Placement | None:
-        """The other LiDARs that work; None without any."""
+        """Other LiDARs that work; None without any."""
         return removed(self.rig, self.number).placement(self.file.lidar)
 
     def refined(self, best: Mount, zones: Sequence[Zone], turn: tuple[float, ...]) -> Mount:
-        """The best after further rounds around the best of the first."""
+        """Return the best after further rounds around the best of the first."""
         zone = _nearest(zones, best)
         for number in range(1, ROUNDS):
             best = self.best([best, *self.around(best, zone, number, turn)]) or best
@@ -164,7 +166,7 @@ class _Search:
     def around(
         self, best: Mount, zone: Zone, number: int, turn: tuple[float, ...]
     ) -> Iterator[Mount]:
-        """Allowed poses of a round; of the first in the whole zone, then around the best."""
+        """Yield allowed poses of a round; of the first in the whole zone, then around the best."""
         reach = 0.5**number
         for draw in qmc.Sobol(6, rng=number).random(PER_ROUND):
             at = np.array(position(zone, *draw[:3]))
@@ -178,7 +180,7 @@ class _Search:
                 yield pose
 
     def _allowed(self, pose: Mount) -> bool:
-        """Whether the pose keeps the limits of a single LiDAR and its distance from the others."""
+        """Return whether a pose keeps the limits of a single LiDAR and its distance from others."""
         limits, models = self.file.limits, self.rig.models(self.file.lidar)
         mounts = [*self.rig.mounts]
         mounts[self.number] = pose
@@ -190,8 +192,9 @@ class _Search:
         return not check(MountedSensors([pose], [self.lidar]), alone, self.file.body)
 
     def best(self, tried: Sequence[Mount]) -> Mount | None:
-        """The one that adds most to the other LiDARs, with few rays, and breaks nothing that held;
-        None if all of the first JUDGED break something."""
+        """Return the pose that adds most, with few rays, and breaks nothing that held.
+
+        None if all of the first CHECKED break something."""
         pairs = [(mount, self.lidar) for mount in tried]
         if self.others is not None:
             pairs += zip(self.others.mounts, self.others.lidars, strict=True)
@@ -200,7 +203,7 @@ class _Search:
         weights = dict.fromkeys(self.meter.recall.classes, 1.0)
         choice = RecallChoice(self.meter.recall, seen, weights)
         gains = choice.gains(range(len(tried), len(alone)))[: len(tried)]
-        for number in np.argsort(-gains, kind="stable")[:JUDGED].tolist():
+        for number in np.argsort(-gains, kind="stable")[:CHECKED].tolist():
             pose: Mount = tried[number]
             if pose not in self._breaks:
                 self._breaks[pose] = self.held.broken_by(self._with(pose))
@@ -210,11 +213,11 @@ class _Search:
 
     @property
     def broken(self) -> tuple[str, ...]:
-        """What poses that find more have broken, in order."""
+        """Limits that poses which find more have broken, in order."""
         return tuple(dict.fromkeys(chain.from_iterable(self._breaks.values())))
 
-    def found(self, mount: Mount) -> float:
-        """What the rig finds with the LiDAR there, with all rays."""
+    def recall_at(self, mount: Mount) -> float:
+        """Return the mean recall of the rig with the LiDAR in that pose, with all rays."""
         return self.meter.measure(self._with(mount).placement(self.file.lidar)).mean_recall
 
     def _with(self, mount: Mount) -> Rig:

@@ -48,7 +48,7 @@ def studio(
 
     from lidarplace.studio.page.page import Page
     from lidarplace.studio.page.server import serving
-    from lidarplace.studio.page.tables import left_out
+    from lidarplace.studio.page.tables import left_out_message
 
     with checked_input():
         x0, y0, z0, x1, y1, z1 = crop_of(roi)
@@ -60,7 +60,7 @@ def studio(
             page = Page(state, server, scene_of(log))
             try:
                 if state.left_out:
-                    print(left_out(state), file=sys.stderr)
+                    print(left_out_message(state), file=sys.stderr)
                 print(f"{address}\nCtrl-C ends it.", flush=True)
                 threading.Event().wait()
             finally:

@@ -17,8 +17,8 @@ from lidarplace.rigs.placement import Placement
 from lidarplace.studio.numbers import SeenCells, thinned
 from lidarplace.viewing.frame import Frame, read_frame
 
+# Rays of all LiDARs together for a picture; 60,000 are a message of half a megabyte.
 MOVING_POINTS, RESTING_POINTS = 60_000, 300_000
-"""Rays of all LiDARs together for a picture; 60,000 are a message of half a megabyte."""
 
 
 class SimulatedCloud(NamedTuple):
@@ -29,7 +29,8 @@ class SimulatedCloud(NamedTuple):
 
 
 class FrameView:
-    """What the ROI holds in frame `number` of a log, on a sedan if `vehicle` is None.
+    """The ROI in frame `number` of a log, on a sedan if `vehicle` is None.
+
     Raises ValueError: there is no such frame, or a box is bad."""
 
     def __init__(
@@ -48,15 +49,18 @@ class FrameView:
         self._seen = SeenCells(self.recall.objects)
 
     def objects(self, placement: Placement | None) -> pd.DataFrame:
-        """The objects that count, with `points` and `cells` of the surface that all rays of the rig
-        hit, and the `probability` that each is found, None being no LiDAR."""
+        """Return the objects that count, with what the rig has of them, None being no LiDAR.
+
+        `points` and `cells` of the surface that all rays of the rig hit, and the `probability` that
+        each is found."""
         seen = self._seen.of(placement)
         return self.recall.objects.table.assign(
             points=seen.points, cells=seen.counts(), probability=self.recall.probabilities(seen)
         )
 
     def cloud(self, placement: Placement | None, most: int) -> SimulatedCloud:
-        """The points in the ROI and on the ground under it, None being no LiDAR.
+        """Return the points in the ROI and on the ground under it, None being no LiDAR.
+
         Of more than `most` rays of all LiDARs together every n-th azimuth step is cast."""
         if placement is None:
             return SimulatedCloud(np.empty((0, 3), np.float32), np.empty(0, np.int64))

@@ -13,13 +13,14 @@ from lidarplace.scenes.sumo.record import record
 from lidarplace.scenes.sumo.settings import SumoScene
 
 PORTION = 200
-"""Frames that are read at a time, one after the other in the log: who plays it needs the next."""
+"""Number of frames that are read at a time, in order: a player needs the next."""
 PORTIONS = 4
-"""So many of which are kept."""
+"""Number of portions that are kept."""
 
 
 class LogFrames:
-    """Any frame of a log, some of which are in memory, the others in `folder`; for several threads.
+    """Frames of a log, some of which are in memory, the others in `folder`; for several threads.
+
     Raises ValueError: the table of frames cannot be read."""
 
     def __init__(self, log: BoxLog, folder: Path | None = None) -> None:
@@ -34,11 +35,12 @@ class LogFrames:
     def check(self, number: int) -> None:
         """Raise ValueError if the log has no such frame."""
         if number not in self._place:
-            known = f"one of {len(self.numbers)} frames, {min(self.numbers)} to {max(self.numbers)}"
-            raise InputError(key="frame", expected=known, found=number)
+            first, last, count = min(self.numbers), max(self.numbers), len(self.numbers)
+            frames = f"one of {count} frames, {first} to {last}"
+            raise InputError(key="frame", expected=frames, found=number)
 
     def log_of(self, number: int) -> BoxLog:
-        """A part of the log with this frame. Raises ValueError: it is not there, or unreadable."""
+        """Return a part of the log with this frame. Raises ValueError: missing or unreadable."""
         self.check(number)
         if number in self._in_memory or self._folder is None:
             return self._log
@@ -52,17 +54,17 @@ class LogFrames:
 
 
 def simulated_scene() -> SumoScene:
-    """A generated town as three cars see it, each for half a minute: 180 frames, 60 to test."""
+    """Return a generated town as three cars see it for half a minute: 180 frames, 60 to test."""
     return SumoScene(routes=2, test_routes=1, frames_per_route=60, frame_stride=10)
 
 
 def simulated_traffic() -> BoxLog:
-    """The box log of `simulated_scene`. Raises ModuleNotFoundError: SUMO is not installed."""
+    """Record `simulated_scene`. Raises ModuleNotFoundError: SUMO is not installed."""
     return record(simulated_scene())
 
 
 def scene_of(log: Path | None) -> dict[str, Any]:
-    """The traffic as a configuration of a sweep has it: of a log's folder, or else simulated."""
+    """Return the traffic as a sweep's configuration has it: a log's folder, or else simulated."""
     if log is not None:
         return {"source": "log", "folder": str(log.absolute())}
     scene = simulated_scene()

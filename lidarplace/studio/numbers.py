@@ -15,13 +15,13 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.evaluate import evaluate_classes
-from lidarplace.recall.counted_objects import CountedObjects, InRig
+from lidarplace.recall.counted_objects import CountedObjects, MountedLidar
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.recall.surface_cells import SurfaceCells
 from lidarplace.rigs.placement import Placement
 
 MOUNTS = 256
-"""Of which the cells are kept; those of a hundred frames take a few megabytes."""
+"""Number of mounts whose cells are kept; those of a hundred frames take a few megabytes."""
 
 
 class SeenCells:
@@ -29,34 +29,36 @@ class SeenCells:
 
     def __init__(self, objects: CountedObjects) -> None:
         self.objects = objects
-        self._kept: LRUCache[InRig, SurfaceCells] = LRUCache(MOUNTS)
+        self._kept: LRUCache[MountedLidar, SurfaceCells] = LRUCache(MOUNTS)
         self._keeping = threading.Lock()
 
     def of(self, placement: Placement | None) -> SurfaceCells:
-        """What a rig hits, None being no LiDAR."""
+        """Return the cells that a rig hits, None being no LiDAR."""
         if placement is None:
             return SurfaceCells.none(len(self.objects.table))
         lidars = self.objects.in_rig(placement)
         with self._keeping:
-            known = {lidar: self._kept[lidar] for lidar in lidars if lidar in self._kept}
-        missing = [lidar for lidar in lidars if lidar not in known]
+            cells = {lidar: self._kept[lidar] for lidar in lidars if lidar in self._kept}
+        missing = [lidar for lidar in lidars if lidar not in cells]
         cast = dict(zip(missing, self.objects.cells_of(missing), strict=True))
         with self._keeping:
             self._kept.update(cast)
-        known |= cast
-        return reduce(SurfaceCells.and_, (known[lidar] for lidar in lidars))
+        cells |= cast
+        return reduce(SurfaceCells.and_, (cells[lidar] for lidar in lidars))
 
 
 RECALL_FRAMES = 20
-"""Frames over which `expected_recall` is taken: those of a second tell little new."""
+"""Number of frames of `expected_recall`: those of a second differ little."""
 MOVING_RAYS = 40_000
-"""Rays of a LiDAR that are cast in each of them while it moves."""
+"""Rays of a LiDAR that are cast in each frame while it moves."""
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """What a rig is worth, by class: nats, and the mean probability that an object is found, NaN of
-    a class without objects. All rays were cast for this if `exact`; nats are always exact."""
+    """Numbers of a rig by class: nats, and the mean probability that an object is found.
+
+    NaN of a class without objects. All rays were cast for this if `exact`; nats are always
+    exact."""
 
     s_mig: Mapping[str, float]
     covered_entropy: Mapping[str, float]
@@ -65,9 +67,9 @@ class Numbers:
 
     @property
     def mean_recall(self) -> float:
-        """Mean of `expected_recall` over the classes that there are; NaN without objects."""
-        there = [value for value in self.expected_recall.values() if not math.isnan(value)]
-        return fmean(there) if there else math.nan
+        """Mean of `expected_recall` over the classes with objects; NaN without any."""
+        values = [value for value in self.expected_recall.values() if not math.isnan(value)]
+        return fmean(values) if values else math.nan
 
 
 class Meter:
@@ -85,15 +87,15 @@ class Meter:
         self._rows = {name: np.flatnonzero(of_class == name) for name in classes}
 
     def measure(self, placement: Placement | None, exact: bool = True) -> Numbers:
-        """The numbers of a rig, None being no LiDAR, with all rays if `exact`, else MOVING_RAYS."""
+        """Measure a rig, None being no LiDAR, with all rays if `exact`, else MOVING_RAYS."""
         information = dict.fromkeys(self.grids, 0.0)
         if placement is not None:
             results = evaluate_classes(self.grids, placement)
-            information = {name: own.covered_entropy for name, own in results.items()}
+            information = {name: result.covered_entropy for name, result in results.items()}
         rays = placement if exact or placement is None else thinned(placement, MOVING_RAYS)
-        found = self.recall.probabilities(self.seen.of(rays))
+        probabilities = self.recall.probabilities(self.seen.of(rays))
         recall = {
-            name: float(found[rows].mean()) if len(rows) else np.nan
+            name: float(probabilities[rows].mean()) if len(rows) else np.nan
             for name, rows in self._rows.items()
         }
         s_mig = {name: 0 - value for name, value in information.items()}
@@ -101,5 +103,5 @@ class Meter:
 
 
 def thinned(placement: Placement, rays: int) -> Placement:
-    """The same rig with every n-th azimuth step, so that no LiDAR has more rays than this."""
+    """Return the rig with every n-th azimuth step, so that no LiDAR has more rays than this."""
     return placement.each_lidar(lambda lidar: lidar.thinned(min(1.0, rays / lidar.rays)))

@@ -23,14 +23,14 @@ from lidarplace.rigs.pose import from_carla
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 ANGLES = POSE[3:]
 ASIDE_M = 0.3
-"""How far to the left of a LiDAR its duplicate is."""
+"""Distance to the left of a LiDAR at which its duplicate is, metres."""
 
 _TURNED = {"y", "pitch", "yaw"}  # what CARLA's convention has with the other sign
 _ACROSS = {"y", "roll", "yaw"}  # what a mirror image has with the other sign
 
 
 @dataclass(frozen=True)
-class MountedLidar:
+class LidarEntry:
     """A LiDAR of a rig; paths are relative to `folder`. Raises ValueError that names a wrong key.
 
     `written` are keys of `MountSettings` as the file has them, so that a number which nobody
@@ -51,35 +51,35 @@ class MountedLidar:
 
     @property
     def model(self) -> str | None:
-        """Its name in the catalogue; None if the file describes it, or leaves it to the default."""
+        """Name in the catalogue; None if the file describes it, or leaves it to the default."""
         return None if self.settings.lidar is None else self.settings.lidar.name
 
 
 @dataclass(frozen=True)
 class Rig:
-    """LiDARs on a vehicle as a file has them, those that are disabled, too, or none at all.
+    """LiDARs on a vehicle as a file has them, disabled ones, too, or none at all.
 
     `carla` says whether the file has poses in CARLA's convention; `further` are its keys of cameras
     and radars."""
 
     name: str
-    lidars: tuple[MountedLidar, ...] = ()
+    lidars: tuple[LidarEntry, ...] = ()
     carla: bool = False
     further: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of_written(cls, name: str, written: Mapping[str, Any], folder: Path | None = None) -> Rig:
-        """The rig of a mapping with `mounts` and `convention`. Raises as `MountedLidar` does."""
+        """Read a mapping with `mounts` and `convention`. Raises as `LidarEntry` does."""
         lidars = []
         for number, mount in enumerate(written.get("mounts", ())):
             with at(f"mounts[{number}]"):
-                lidars.append(MountedLidar(mount, folder=folder))
+                lidars.append(LidarEntry(mount, folder=folder))
         further = {key: written[key] for key in ("cameras", "radars") if key in written}
         return cls(name, tuple(lidars), written.get("convention") == "carla", further)
 
     @property
     def written(self) -> dict[str, Any]:
-        """The keys of `PlacementSettings`; of LiDARs that are disabled, too: they are mounted."""
+        """Keys of `PlacementSettings`; also of LiDARs that are disabled: they are mounted."""
         convention = {"convention": "carla"} if self.carla else {}
         mounts = {"mounts": [dict(lidar.written) for lidar in self.lidars]}
         return convention | mounts | dict(self.further)
@@ -90,17 +90,17 @@ class Rig:
 
     @cached_property
     def sensors(self) -> tuple[MountedSensor, ...]:
-        """Its cameras and radars, in the ego frame; they always work."""
+        """Cameras and radars, in the ego frame; they always work."""
         return self._as_placement.further()
 
     @property
     def settings_of_sensors(self) -> tuple[CameraSettings | RadarSettings, ...]:
-        """Of the same, in the same order."""
+        """Settings of cameras and radars, in the same order."""
         return (*self._as_placement.cameras, *self._as_placement.radars)
 
     @cached_property
     def mounts(self) -> tuple[Mount, ...]:
-        """Of all LiDARs, in the ego frame."""
+        """Mounts of all LiDARs, in the ego frame."""
         poses = (lidar.settings.pose for lidar in self.lidars)
         return tuple(Mount(*(from_carla(*pose) if self.carla else pose)) for pose in poses)
 
@@ -110,42 +110,43 @@ class Rig:
         return [number for number, lidar in enumerate(self.lidars) if lidar.enabled]
 
     def models(self, lidar: Lidar) -> tuple[Lidar, ...]:
-        """Of all LiDARs; `lidar` where none is named."""
-        own = (mounted.settings.lidar for mounted in self.lidars)
-        return tuple(lidar if settings is None else settings.lidar() for settings in own)
+        """Return the models of all LiDARs; `lidar` where none is named."""
+        models = (mounted.settings.lidar for mounted in self.lidars)
+        return tuple(lidar if model is None else model.lidar() for model in models)
 
     def placement(self, lidar: Lidar) -> Placement | None:
-        """The LiDARs that work, None without any; `lidar` where no model is named.
+        """Return the LiDARs that work, None without any; `lidar` where no model is named.
+
         Raises ValueError: two of them are in one place."""
         models, mounts = self.models(lidar), [self.mounts[number] for number in self.working]
-        own = [models[number] for number in self.working]
-        return Placement(self.name, mounts, lidar=own) if own else None
+        working = [models[number] for number in self.working]
+        return Placement(self.name, mounts, lidar=working) if working else None
 
     def pose(self, number: int) -> dict[str, float]:
-        """Of a LiDAR by the names of `POSE`: ego frame, metres and degrees."""
+        """Return the pose of a LiDAR by the names of `POSE`: ego frame, metres and degrees."""
         settings = self.lidars[number].settings
-        found = {axis: float(getattr(settings, axis)) for axis in POSE[:3]}
+        pose = {axis: float(getattr(settings, axis)) for axis in POSE[:3]}
         for angle in ANGLES:
             degrees = getattr(settings, f"{angle}_deg")
-            found[angle] = math.degrees(getattr(settings, angle)) if degrees is None else degrees
-        return {name: self._turned(name, value) for name, value in found.items()}
+            pose[angle] = math.degrees(getattr(settings, angle)) if degrees is None else degrees
+        return {name: self._turned(name, value) for name, value in pose.items()}
 
     def _turned(self, name: str, value: float) -> float:
-        """From the ego frame to the file's convention, or back."""
+        """Convert a coordinate from the ego frame to the file's convention, or back."""
         return 0 - value if self.carla and name in _TURNED else value
 
-    def _with(self, number: int, lidar: MountedLidar) -> Rig:
+    def _with(self, number: int, lidar: LidarEntry) -> Rig:
         return replace(self, lidars=(*self.lidars[:number], lidar, *self.lidars[number + 1 :]))
 
 
 def pose_of(mount: Mount) -> dict[str, float]:
-    """By the names of `POSE`, metres and degrees, without what radians have added."""
+    """Return a pose by the names of `POSE`, metres and degrees, without rounding of radians."""
     turn = {name: round(math.degrees(getattr(mount, name)), 6) for name in ANGLES}
     return {"x": mount.x, "y": mount.y, "z": mount.z} | turn
 
 
 def posed(rig: Rig, number: int, **pose: float) -> Rig:
-    """A LiDAR at other coordinates of `POSE`: ego frame, metres and degrees.
+    """Return the rig with a LiDAR at other coordinates of `POSE`: ego frame, metres and degrees.
 
     An angle that the file has in radians stays one of radians, all others are written in degrees.
     Raises ValueError: a number is beyond its limits."""
@@ -164,25 +165,25 @@ def posed(rig: Rig, number: int, **pose: float) -> Rig:
 
 
 def added(rig: Rig, model: str | None = None, **pose: float) -> Rig:
-    """With one more LiDAR, of the catalogue's model or of the default one."""
-    known = {} if model is None else {"lidar": model}
-    mounted = MountedLidar({"x": 0.0, "y": 0.0, "z": 0.0} | known)
+    """Return the rig with one more LiDAR, of the catalogue's model or of the default one."""
+    named = {} if model is None else {"lidar": model}
+    mounted = LidarEntry({"x": 0.0, "y": 0.0, "z": 0.0} | named)
     return posed(replace(rig, lidars=(*rig.lidars, mounted)), len(rig.lidars), **pose)
 
 
 def removed(rig: Rig, number: int) -> Rig:
-    """Without a LiDAR."""
+    """Return the rig without a LiDAR."""
     return replace(rig, lidars=(*rig.lidars[:number], *rig.lidars[number + 1 :]))
 
 
 def duplicated(rig: Rig, number: int) -> Rig:
-    """With the same LiDAR once more, `ASIDE_M` to its left."""
+    """Return the rig with a LiDAR once more, `ASIDE_M` to its left."""
     wider = replace(rig, lidars=(*rig.lidars, rig.lidars[number]))
     return posed(wider, len(rig.lidars), y=round(rig.pose(number)["y"] + ASIDE_M, 6))
 
 
 def mirrored(rig: Rig, number: int) -> Rig:
-    """With a LiDAR's mirror image on the other side. Raises ValueError: it is in the middle."""
+    """Return the rig with a LiDAR's mirror image, too. Raises ValueError: it is at y = 0."""
     pose = rig.pose(number)
     if pose["y"] == 0:
         raise ValueError(f"LiDAR {number} is at y = 0, where its mirror image would be, too")
@@ -191,17 +192,19 @@ def mirrored(rig: Rig, number: int) -> Rig:
 
 
 def enabled(rig: Rig, number: int, works: bool) -> Rig:
-    """With a LiDAR that works or does not."""
+    """Return the rig with a LiDAR that works or does not."""
     return rig._with(number, replace(rig.lidars[number], enabled=works))
 
 
 def working(rig: Rig) -> Rig:
-    """Without the LiDARs that are disabled."""
+    """Return the rig without the LiDARs that are disabled."""
     return replace(rig, lidars=tuple(rig.lidars[number] for number in rig.working))
 
 
 def of_model(rig: Rig, number: int, model: str | None) -> Rig:
-    """With another model of the catalogue; None: the default. Raises ValueError: it is unknown."""
+    """Return the rig with another model of the catalogue for a LiDAR; None: the default.
+
+    Raises ValueError: it is unknown."""
     lidar = rig.lidars[number]
     written = {key: value for key, value in lidar.written.items() if key != "lidar"}
     named = {} if model is None else {"lidar": model}

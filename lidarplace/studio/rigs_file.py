@@ -75,8 +75,9 @@ class RigsSettings(Settings):
 
 @dataclass(frozen=True)
 class RigsFile:
-    """A file that was read, as plain data and validated; if `single` that of one placement, with
-    `mounts` at its top."""
+    """A file that was read, as plain data and validated.
+
+    If `single` it is the file of one placement, with `mounts` at its top."""
 
     path: Path
     content: Mapping[str, Any]
@@ -85,21 +86,21 @@ class RigsFile:
 
     @cached_property
     def rigs(self) -> tuple[Rig, ...]:
-        """In the order of the file."""
+        """Rigs in the order of the file."""
         if self.single:
             return (Rig.of_written(self.path.stem, self.content, self.path.parent),)
-        known = self.content.get("placements") or {"mine": {}}
-        folder = self.path.parent
-        return tuple(Rig.of_written(str(name), written, folder) for name, written in known.items())
+        placements = self.content.get("placements") or {"mine": {}}
+        rigs, folder = placements.items(), self.path.parent
+        return tuple(Rig.of_written(str(name), written, folder) for name, written in rigs)
 
     @cached_property
     def lidar(self) -> Lidar:
-        """The model of mounts that name none."""
+        """Model of mounts that name none."""
         return self.settings.lidar.lidar()
 
     @cached_property
     def zones(self) -> tuple[Zone, ...]:
-        """Where LiDARs may sit."""
+        """Zones in which LiDARs may sit."""
         return mountable(self.settings.zones, self.vehicle)
 
     @cached_property
@@ -110,12 +111,12 @@ class RigsFile:
 
     @cached_property
     def vehicle(self) -> Vehicle:
-        """The body alone."""
+        """Body of the vehicle alone."""
         return vehicle_of(self.settings.vehicle)
 
     @cached_property
     def body(self) -> Vehicle:
-        """What stops rays: the body, and what is kept free of LiDARs."""
+        """Vehicle that stops rays: the body, and the keep-outs."""
         return vehicle_of(self.carrier_settings)
 
     @property
@@ -130,15 +131,15 @@ class RigsFile:
 
     @cached_property
     def layouts(self) -> tuple[RequirementLayout, ...]:
-        """The requirements, laid out around the body. Raises ValueError if one cannot be."""
+        """Requirements, laid out around the body. Raises ValueError if one cannot be."""
         layouts, curves = [], default_curves()
-        for own in self.settings.requirements:
-            with at(self.path), at(f"requirements {own.name!r}"):
-                layouts.append(lay_out(own.requirement(self.body, curves), self.body))
+        for settings in self.settings.requirements:
+            with at(self.path), at(f"requirements {settings.name!r}"):
+                layouts.append(lay_out(settings.requirement(self.body, curves), self.body))
         return tuple(layouts)
 
     def text_with(self, rigs: Sequence[Rig]) -> str:
-        """The file with these rigs in place of its own; comments are lost."""
+        """Return the file with these rigs in place of its own; comments are lost."""
         if self.single and len(rigs) == 1:
             return as_yaml({**self.content, **rigs[0].written})
         rest = {} if self.single else self.content
@@ -147,6 +148,7 @@ class RigsFile:
 
 def read_rigs(path: Path) -> RigsFile:
     """Read the keys of `RigsSettings`, or the file of one placement with `mounts`.
+
     Raises OSError: it cannot be read; ValueError: it is no such file, names file, key and value."""
     content, context = read_yaml_file(path), {"folder": path.parent}
     content = {} if content is None else content
@@ -160,13 +162,13 @@ def read_rigs(path: Path) -> RigsFile:
 
 
 def as_yaml(content: Mapping[str, Any]) -> str:
-    """The text of a file with this content."""
+    """Return the text of a file with this content."""
     style: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 100}
     return str(yaml.safe_dump(dict(content), allow_unicode=True, **style))
 
 
 def write_rigs(path: Path, text: str, overwrite: bool) -> None:
-    """Write a file in one step. Raises FileExistsError: it is there, without `overwrite`."""
+    """Write a file in one step. Raises FileExistsError: it exists, without `overwrite`."""
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path}: is there already; say overwrite, or name another file")
     write_text(path, text)

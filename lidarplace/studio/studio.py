@@ -1,4 +1,4 @@
-"""The studio without a page: rigs that a person changes, and what they are worth."""
+"""The studio without a page: rigs that a person changes, and their numbers."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ class Draft:
 
 
 class History:
-    """A draft that changes, and what it was.
+    """A draft that changes, and its former values.
+
     While something is dragged `value` is set all the time; `keep` makes one step of all of it."""
 
     def __init__(self, value: Draft) -> None:
@@ -69,12 +70,12 @@ class History:
             self._steps[self._at :] = [self.value]
 
     def go(self, by: int) -> bool:
-        """Undo (-1) or redo (1) a step; whether there is one."""
+        """Undo (-1) or redo (1) a step; return whether there is one."""
         self.keep()
-        there = 0 <= self._at + by < len(self._steps)
-        self._at += by * there
+        exists = 0 <= self._at + by < len(self._steps)
+        self._at += by * exists
         self.value = self._steps[self._at]
-        return there
+        return exists
 
 
 class Studio:
@@ -92,41 +93,45 @@ class Studio:
     ) -> None:
         if log.frames.empty:
             raise ValueError("the log has no frame")
-        there = set(log.boxes["class"])
-        file.layouts  # noqa: B018 - raises for a bad requirement before anything else is done
+        classes = set(log.boxes["class"])
+        self.layouts = file.layouts  # raises for a bad requirement before anything else is done
         self.file, self.log, self.roi = file, log, roi
-        self.classes = tuple(c for c in CLASSES if c in there) or CLASSES
-        self.left_out = tuple(sorted(there.difference(self.classes)))
-        self._begun = {rig.name: rig for rig in file.rigs}
+        self.classes = tuple(c for c in CLASSES if c in classes) or CLASSES
+        self.left_out = tuple(sorted(classes.difference(self.classes)))
+        self._initial = {rig.name: rig for rig in file.rigs}
         self._history = History(Draft(file.rigs))
         self._editing, self._viewing = threading.Lock(), threading.Lock()
         self._frames = LogFrames(log, folder)
         self._frame = self.frame_numbers[0]
         self._view = self._view_of(self._frame)
-        self._judged: tuple[Placement | None, Sequence[RequirementResult]] = (None, ())
+        self._checked: tuple[Placement | None, Sequence[RequirementResult]] = (None, ())
 
     @cached_property
     def meter(self) -> Meter:
-        """What measures the rigs."""
+        """Measures of the rigs on the log."""
         return Meter(self.log, self.roi, self.classes, self.file.carrier)
+
+    def prepare(self) -> Meter:
+        """Build the meter, which takes seconds, and return it."""
+        return self.meter
 
     # Which rig, and which frame.
 
     @property
     def rigs(self) -> tuple[Rig, ...]:
-        """All rigs as they are now."""
+        """Rigs of the draft as they are now."""
         return self._history.value.rigs
 
     @property
     def rig(self) -> Rig:
-        """The selected one."""
+        """The selected rig."""
         draft = self._history.value
         return draft.rigs[draft.current]
 
     @property
-    def begun(self) -> Rig:
-        """The selected one as it is in the file; of a copy, what it was copied from."""
-        return self._begun[self.rig.name]
+    def initial(self) -> Rig:
+        """The selected rig as it is in the file; of a copy, what it was copied from."""
+        return self._initial[self.rig.name]
 
     def choose(self, name: str) -> None:
         """Select another rig. Raises ValueError if there is none of that name."""
@@ -140,7 +145,7 @@ class Studio:
         """Select a copy of the rig under another name. Raises ValueError: it is empty or taken."""
         if not name or name in [rig.name for rig in self.rigs]:
             raise InputError(key="rig", expected="a new name", found=repr(name))
-        self._begun[name] = self._begun.get(self.rig.name, self.rig)
+        self._initial[name] = self._initial.get(self.rig.name, self.rig)
         rigs = (*self.rigs, replace(self.rig, name=name))
         with self._editing:
             self._history.do(Draft(rigs, len(rigs) - 1))
@@ -152,12 +157,12 @@ class Studio:
 
     @property
     def frame_numbers(self) -> list[int]:
-        """Of the frames that can be looked at."""
+        """Numbers of the frames that can be looked at."""
         return self._frames.numbers
 
     @property
     def view(self) -> FrameView:
-        """The frame that is shown, read on demand. Raises ValueError: a box or the file is bad."""
+        """The selected frame, read on demand. Raises ValueError: a box or the file is bad."""
         with self._viewing:
             if self._view.number != self._frame:
                 self._view = self._view_of(self._frame)
@@ -171,11 +176,12 @@ class Studio:
 
     def pose(self, number: int, /, **pose: float) -> None:
         """Give a LiDAR other coordinates: x, y, z in metres, roll, pitch, yaw in degrees.
+
         Raises ValueError: a number is beyond its limits."""
         self._do(edits.posed, number, **pose)
 
     def drag(self, number: int, /, **pose: float) -> None:
-        """The same, as part of one step that `drop` ends. Raises as `pose`."""
+        """Change a pose as part of one step that `drop` ends. Raises as `pose`."""
         with self._editing:
             self._history.value = self._with(edits.posed(self.rig, number, **pose))
 
@@ -219,12 +225,12 @@ class Studio:
         self.pose(number, x=round(x, GRID_DIGITS), y=round(y, GRID_DIGITS), z=z)
 
     def undo(self) -> bool:
-        """Go a step back; whether there was one."""
+        """Go a step back; return whether there was one."""
         with self._editing:
             return self._history.go(-1)
 
     def redo(self) -> bool:
-        """Go a step forward again; whether there was one."""
+        """Go a step forward again; return whether there was one."""
         with self._editing:
             return self._history.go(1)
 
@@ -246,92 +252,98 @@ class Studio:
         return self.placement_of(self.rig)
 
     def placement_of(self, rig: Rig) -> Placement | None:
-        """The same of any rig."""
+        """Return the LiDARs of a rig that work; None as for `placement`."""
         try:
             return rig.placement(self.file.lidar)
         except ValueError:  # is among the violations
             return None
 
     def numbers(self, exact: bool = True, rig: Rig | None = None) -> Numbers:
-        """Of a rig, by default the selected one as it is now."""
+        """Return the numbers of a rig, by default the selected one as it is now."""
         return self.meter.measure(self.placement_of(rig or self.rig), exact)
 
     def totals(self, rig: Rig | None = None) -> dict[str, float]:
-        """Price, if the file has any, and power in watts of all LiDARs of a rig; NaN if unknown."""
+        """Return price, if the file has any, and power in watts of the LiDARs of a rig; or NaN."""
         rig, priced = rig or self.rig, bool(self.file.settings.prices)
         price = {"Price": math.fsum(limits.prices_of(rig, self.file))} if priced else {}
         return price | {"Power, W": math.fsum(limits.powers_of(rig, self.file))}
 
     def violations(self) -> tuple[ReportedViolation, ...]:
-        """What the rig does not keep of what the file says."""
-        kept = self.misplaced()
+        """Return all limits and requirements of the file that the rig violates."""
+        misplaced = self.misplaced()
         if self.placement is None:
-            return (*kept, *limits.unmet_without_lidars(self.file.layouts))
-        unknown = limits.inapplicable(self.rig, self.file).values()
-        return (*kept, *unknown, *limits.unmet(self.outcomes()))
+            return (*misplaced, *limits.unmet_without_lidars(self.layouts))
+        inapplicable = limits.inapplicable(self.rig, self.file).values()
+        return (*misplaced, *inapplicable, *limits.unmet(self.outcomes()))
 
     def misplaced(self) -> tuple[ReportedViolation, ...]:
-        """The same without requirements, which take longer."""
-        own = limits.violations(self.rig, self.file)
-        return (*own, *limits.blind(self.rig, self.file, self.roi))
+        """Return the violations without requirements, which take longer."""
+        violations = limits.violations(self.rig, self.file)
+        return (*violations, *limits.blind(self.rig, self.file, self.roi))
 
     def outcomes(self) -> Sequence[RequirementResult]:
-        """What becomes of the requirements that can be asked of the LiDARs; nothing without one."""
-        placement, (known, found) = self.placement, self._judged
+        """Return the results of requirements that apply to the LiDARs; none without a LiDAR."""
+        placement, (checked, results) = self.placement, self._checked
         if placement is None:
             return ()
-        if placement != known:
-            found = limits.requirement_results(self.rig, self.file, self.file.layouts)
-            self._judged = placement, found
-        return found
+        if placement != checked:
+            results = limits.requirement_results(self.rig, self.file, self.layouts)
+            self._checked = placement, results
+        return results
 
-    def too_little(self, what: str) -> ground.BlindGround | None:
-        """Ground around the vehicle where somebody of `HEIGHTS_M` is not seen, `COUNTED_M` with the
-        number of LiDARs, or where a requirement fails; None of one that is not asked."""
+    def too_little(self, group: str) -> ground.BlindGround | None:
+        """Return ground around the vehicle where too little is seen; None of an unknown group.
+
+        With a group of `HEIGHTS_M` where none of it is seen, with one of `COUNTED_M` the number of
+        LiDARs, with the name of a requirement where it fails."""
         around = self.placement, self.file.body
-        if what in ground.HEIGHTS_M:
-            return ground.blind_ground(*around, ground.HEIGHTS_M[what])
-        if what in ground.COUNTED_M:
-            return ground.counted_ground(*around, ground.COUNTED_M[what])
-        found = (one for one in self.outcomes() if one.requirement.name == what)
-        return next(map(ground.failing_ground, found), None)
+        if group in ground.HEIGHTS_M:
+            return ground.blind_ground(*around, ground.HEIGHTS_M[group])
+        if group in ground.COUNTED_M:
+            return ground.counted_ground(*around, ground.COUNTED_M[group])
+        results = (result for result in self.outcomes() if result.requirement.name == group)
+        return next(map(ground.failing_ground, results), None)
 
     # Questions.
 
     def improve(self, number: int) -> BestPose:
-        """Move one LiDAR to where the rig finds most, and still keeps what it keeps of the limits
-        and requirements of the file. Raises ValueError: the LiDAR is disabled, two are in one
-        place, no object counts, or the rig was changed meanwhile."""
+        """Move one LiDAR to where the rig finds most, and breaks no limit or requirement.
+
+        What it breaks already may stay broken. Raises ValueError: the LiDAR is disabled, two are in
+        one place, no object counts, or the rig was changed meanwhile."""
         rig = self.rig
         if not rig.lidars[number].enabled:
             raise ValueError(f"LiDAR {number} does not work; enable it first")
-        found = improved(rig, number, self.file, self.meter)
+        best = improved(rig, number, self.file, self.meter)
         self._as_it_was(rig)
-        if found.after > found.before:
-            self.pose(number, **edits.pose_of(found.mount))
-        return found
+        if best.after > best.before:
+            self.pose(number, **edits.pose_of(best.mount))
+        return best
 
     def add_best(self, model: str | None = None) -> BestPose:
-        """Mount one more LiDAR, of the catalogue's model or of the file's, where the rig then finds
-        most, in any zone; else as `improve`. Raises ValueError also: the model is unknown, no zone
-        has room, or the limits allow no more LiDAR."""
+        """Mount one more LiDAR where the rig then finds most, in any zone; else as `improve`.
+
+        Of the catalogue's model or of the file's. Raises ValueError also: the model is unknown, no
+        zone has room, or the limits allow no more LiDAR."""
         rig = self.rig
-        found = best_addition(rig, model, self.file, self.meter)
+        best = best_addition(rig, model, self.file, self.meter)
         self._as_it_was(rig)
-        self.add(model, **edits.pose_of(found.mount))
-        return found
+        self.add(model, **edits.pose_of(best.mount))
+        return best
 
     def _as_it_was(self, rig: Rig) -> None:
         if self.rig is not rig:
             raise ValueError("the rig has changed meanwhile; ask again")
 
     def why_unseen(self, object_id: str) -> tuple[AimedRays, ...]:
-        """What becomes of the rays that the working LiDARs aim at an object of the frame.
+        """Return what happens to the rays that the working LiDARs aim at an object of the frame.
+
         Raises ValueError: there is no such object, or no LiDAR."""
         return why_unseen(self.view.frame, object_id, self._working(), self.file.carrier)
 
     def plot(self) -> go.Figure:
-        """The frame as the rig sees it, in 3D, for a notebook or a page.
+        """Draw the frame as the rig sees it, in 3D, for a notebook or a page.
+
         Raises ValueError: no LiDAR works, or two are in one place."""
         from lidarplace.viewing.scene import draw_frame
 
@@ -347,25 +359,28 @@ class Studio:
     # Files.
 
     def save(self, path: Path | None = None, overwrite: bool = False) -> Path:
-        """Write all rigs, in the file's own words, by default to that file; returns the path.
-        Raises OSError: it cannot be written; FileExistsError: it is there, without `overwrite`."""
+        """Write all rigs, in the file's own words, by default to that file; return the path.
+
+        Raises OSError: it cannot be written; FileExistsError: it exists, without `overwrite`."""
         self.drop()
         path = self.file.path if path is None else path
         write_rigs(path, self.file.text_with(self.rigs), overwrite)
         return path
 
     def sweep(self, path: Path, scene: Mapping[str, Any], overwrite: bool = False) -> str:
-        """Write the configuration of a sweep over the rigs that have LiDARs; its command. `scene`
-        is the traffic as a configuration has it, with frames to train and to test. Raises
+        """Write the configuration of a sweep over the rigs that have LiDARs; return its command.
+
+        `scene` is the traffic as a configuration has it, with frames to train and to test. Raises
         ValueError: no rig has a LiDAR, or one is inside of the body or sees nothing;
-        FileExistsError: the file is there, without `overwrite`."""
+        FileExistsError: the file exists, without `overwrite`."""
         content = sweep_of(self.rigs, self.file, scene, self.roi, self.classes)
         write_rigs(path, as_yaml(content), overwrite)
         return command("run", str(path))
 
     def evaluation(self, path: Path, scene: Mapping[str, Any]) -> Path:
-        """Write the configuration of a sweep in which a generalist judges the rigs as they work;
-        one of the same name is brought up to date, see `evaluation_of`. Returns its run folder, for
+        """Write the configuration of a sweep in which a generalist evaluates the rigs as they work.
+
+        One of the same name is brought up to date, see `evaluation_of`. Returns its run folder, for
         `found_by_sweep`. Raises ValueError as `sweep`, of the LiDARs that work, and for another
         file of that name."""
         before = read_yaml_file(path) if path.exists() else None

@@ -1,4 +1,4 @@
-"""Configurations of sweeps over the rigs of a studio, and what such a sweep has found."""
+"""Configurations of sweeps over the rigs of a studio, and their results."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,26 +15,28 @@ from lidarplace.studio.rigs_file import RigsFile
 from lidarplace.studio.violations import check_sweepable
 
 Content = dict[str, Any]
-"""Of a configuration, as plain data."""
+"""Content of a configuration, as plain data."""
 
 RUNS = Path("runs")
-"""The folder of run folders, as of any sweep."""
+"""Folder of run folders, as of any sweep."""
 MOST_RAYS = 100_000
-"""Of a rig in evaluated clouds; the generalist was trained on at most about twice as many."""
+"""Rays of a rig in evaluated clouds; the generalist was trained on at most about twice as many."""
 EVALUATION: Content = {
     "evaluator": "pretrained",
     "mounting_errors": {"offset": 0.01, "angle_deg": 0.5},
     "surrogate": {"names": ["covered_entropy"], "accuracy": False, "sampling_error": False},
 }
-"""An evaluation, where its file does not say otherwise."""
+"""Settings of an evaluation, where its file does not say otherwise."""
 INTERVAL = ("mean", "low", "high")
 
 
 def sweep_of(
     rigs: Sequence[Rig], file: RigsFile, scene: Mapping[str, Any], roi: Roi, classes: Sequence[str]
 ) -> Content:
-    """The configuration of a sweep over the rigs that have LiDARs; `scene` is its traffic. Raises
-    ValueError: no rig has a LiDAR, or one is inside of the body or sees nothing of the ROI."""
+    """Return the configuration of a sweep over the rigs that have LiDARs; `scene` is its traffic.
+
+    Raises ValueError: no rig has a LiDAR, or one is inside of the body or sees nothing of the
+    ROI."""
     for rig in rigs:
         check_sweepable(rig, file, roi)
     placements = {rig.name: rig.written for rig in rigs if rig.lidars}
@@ -55,17 +57,19 @@ def sweep_of(
 
 
 def _vehicle(file: RigsFile) -> Content:
-    """The key `vehicle` of a sweep, with what the file keeps out; none for a sedan."""
-    own = file.carrier_settings
-    return {} if own is None else {"vehicle": own.model_dump(mode="json", exclude_defaults=True)}
+    """Return the key `vehicle` of a sweep, with the keep-outs; none for a sedan."""
+    vehicle = file.carrier_settings
+    dumped = vehicle and vehicle.model_dump(mode="json", exclude_defaults=True)
+    return {} if dumped is None else {"vehicle": dumped}
 
 
 def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None) -> Content:
-    """A sweep of `sweep_of`, judged in seconds by the generalist of the package.
+    """Return a sweep of `sweep_of`, evaluated in seconds by the generalist of the package.
+
     `before` is an earlier evaluation, which is brought up to date: its evaluator stays."""
     content = EVALUATION | with_current_keys(before or {})
-    rigs = (Rig.of_written(name, own) for name, own in sweep["placements"].items())
-    rays = max(sum(own.rays for own in rig.models(file.lidar)) for rig in rigs)
+    rigs = (Rig.of_written(name, rig) for name, rig in sweep["placements"].items())
+    rays = max(sum(lidar.rays for lidar in rig.models(file.lidar)) for rig in rigs)
     share = {"cloud_share": round(MOST_RAYS / rays, 3)} if rays > MOST_RAYS else {}
     return {
         **content,
@@ -78,7 +82,7 @@ def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None)
 
 
 def is_evaluation(content: Any) -> bool:
-    """Whether a file's content can be brought up to date by `evaluation_of`."""
+    """Return whether a file's content can be brought up to date by `evaluation_of`."""
     if not isinstance(content, dict):
         return False
     evaluators = [value for key, value in content.items() if current_key(str(key)) == "evaluator"]
@@ -88,7 +92,7 @@ def is_evaluation(content: Any) -> bool:
 
 
 def found_by_sweep(run: Path) -> dict[str, pd.DataFrame]:
-    """AP and recall by the name of the metric, from the tables of a run folder's report.
+    """Return AP and recall by the name of the metric, from the tables of a run folder's report.
 
     Each is a table with index `placement`, columns `mean`, `low` and `high`, the ends of the 95 %
     interval, in percent; NaN where it is not known. Raises ValueError: a table cannot be read."""

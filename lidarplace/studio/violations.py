@@ -173,6 +173,7 @@ def requirement_results(
     rig: Rig, file: RigsFile, layouts: Sequence[RequirementLayout]
 ) -> list[RequirementResult]:
     """Check the requirements that apply to the working LiDARs; none without such a LiDAR.
+
     Raises ValueError if two LiDARs are in one place."""
     placement = rig.placement(file.lidar)
     if placement is None:

@@ -1,4 +1,4 @@
-"""Why is an object not seen, or hardly: what becomes of the rays that aim at it."""
+"""Reasons why an object is not seen, or hardly: the fate of the rays that aim at it."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ NAMES = {
     SIGN: "a sign",
     WORLD: "what stands still and has no label",
 }
-"""Of what stops rays, besides objects and the ground."""
+"""Names of what stops rays, besides objects and the ground."""
 
 
 @dataclass(frozen=True)
 class AimedRays:
-    """What becomes of the rays of one LiDAR that meet the object when it is alone in the world.
+    """Rays of one LiDAR that meet the object when it is alone in the world.
 
     `dark` are those that meet it, too near or too dark to return light; `lost` those whose return
     drop-off or a correction loses, expected, rounded; `stopped` those that something else stops, by
@@ -41,7 +41,7 @@ class AimedRays:
 
     @property
     def text(self) -> str:
-        """In words."""
+        """Description in words."""
         if not self.aimed:
             return "no ray aims at it: it is between the rings, or out of view or range"
         parts = [f"{self.aimed:,} rays aim at it", f"{self.returned:,} return"]
@@ -49,40 +49,41 @@ class AimedRays:
             parts.append(f"{self.dark:,} meet it too near or too dark to return")
         if self.lost:
             parts.append(f"about {self.lost:,} are lost by drop-off or the correction")
-        parts += [f"{number:,} stopped by {what}" for what, number in self.stopped.items()]
+        parts += [f"{number:,} stopped by {obstacle}" for obstacle, number in self.stopped.items()]
         return ", ".join(parts)
 
 
 def why_unseen(
     frame: Frame, object_id: str, placement: Placement, vehicle: Vehicle | None = None
 ) -> tuple[AimedRays, ...]:
-    """What becomes of the rays that each LiDAR, on a sedan if `vehicle` is None, aims at an object.
+    """Return the fate of the rays that each LiDAR aims at an object; on a sedan without `vehicle`.
+
     Raises ValueError: there is no such object in the frame."""
     number = int(frame.row["frame"])
     surroundings = Surroundings(frame.log)
     ids = frame.log.boxes["object_id"].iloc[surroundings.rows(number)].astype(str).tolist()
     if object_id not in ids:
-        known, place = ", ".join(ids), f"frame {number}"
-        raise InputError("no such object", place=place, expected=known, found=repr(object_id))
-    own = ids.index(object_id)
-    object_class = surroundings.classes(number)[own]
-    names = NAMES | dict(enumerate(ids)) | {PANE - n: known for n, known in enumerate(ids)}
+        expected, place = ", ".join(ids), f"frame {number}"
+        raise InputError("no such object", place=place, expected=expected, found=repr(object_id))
+    owner = ids.index(object_id)
+    object_class = surroundings.classes(number)[owner]
+    names = NAMES | dict(enumerate(ids)) | {PANE - n: name for n, name in enumerate(ids)}
     world = surroundings.world(number)
     parts = body_parts(vehicle).and_(surroundings.parts(number, np.inf))
-    mine = (parts.owner == own) | (parts.owner == PANE - own)
+    mine = (parts.owner == owner) | (parts.owner == PANE - owner)
     alone = Parts(parts.geometry[mine], parts.owner[mine], parts.reflectivity[mine])
-    found, ends_of_each = [], ends_in_rig(placement, vehicle)
+    aimed_rays, ends_of_each = [], ends_in_rig(placement, vehicle)
     for mount, lidar, ends in zip(placement.mounts, placement.lidars, ends_of_each, strict=True):
-        aimed = cast(mount, lidar, alone, level=world is None).target == own
+        aimed = cast(mount, lidar, alone, level=world is None).target == owner
         met = cast_in_world(mount, lidar, parts, world, ends=ends)
-        reached = np.flatnonzero(aimed & (met.target == own))
+        reached = np.flatnonzero(aimed & (met.target == owner))
         away, bright = met.range[reached], lidar.sight(met.reflected[reached])
         returned = reached[(away >= lidar.min_range) & (away <= bright)]
-        kept = expected_share(lidar, object_class, returned, met.range[returned])
-        lost = round(float((1 - kept).sum()))
-        others = met.target[aimed & (met.target != own)].tolist()
+        shares = expected_share(lidar, object_class, returned, met.range[returned])
+        lost = round(float((1 - shares).sum()))
+        others = met.target[aimed & (met.target != owner)].tolist()
         stopped = Counter(names.get(target, "the ground") for target in others)
-        dark = len(reached) - len(kept)
-        rays = int(aimed.sum()), len(kept) - lost, dark, lost, dict(stopped.most_common())
-        found.append(AimedRays(*rays))
-    return tuple(found)
+        dark = len(reached) - len(shares)
+        rays = int(aimed.sum()), len(shares) - lost, dark, lost, dict(stopped.most_common())
+        aimed_rays.append(AimedRays(*rays))
+    return tuple(aimed_rays)

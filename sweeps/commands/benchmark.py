@@ -51,20 +51,20 @@ def benchmark(
         with checked_input():
             # Its own numbers stand for those of the package.
             values[predictor], seconds[predictor] = predict(predictor, every)
-    shown = {name: own for name, own in values.items() if predictor in (None, name)}
+    scored = {name: table_ for name, table_ in values.items() if predictor in (None, name)}
     if as_json:
-        rows = scores(shown).assign(seconds=lambda own: own["predictor"].map(seconds))
+        rows = scores(scored).assign(seconds=lambda table_: table_["predictor"].map(seconds))
         print_json(json.loads(rows.to_json(orient="records", double_precision=15)))
         return
     if predictor is not None:
-        _print_scores(scores(shown))
-    found = scores(values, HEADLINES)
+        _print_scores(scores(scored))
+    compared = scores(values, HEADLINES)
     for metric in HEADLINES:
-        say(f"### {metric}\n\n{markdown_table(found, seconds, metric)}\n")
+        say(f"### {metric}\n\n{markdown_table(compared, seconds, metric)}\n")
     if predictor is not None:
         say("Rows for these tables:")
         for metric in HEADLINES:
-            say(markdown_row(found, predictor, seconds, metric))
+            say(markdown_row(compared, predictor, seconds, metric))
 
 
 def _print_scores(scores: pd.DataFrame) -> None:

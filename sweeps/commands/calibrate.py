@@ -17,7 +17,7 @@ from sweeps import options
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sweeps.evaluation.asked import Asked
+    from sweeps.evaluation.request import DetectionOptions
 
 app = new_app()
 
@@ -67,30 +67,31 @@ def calibrate(
         if config is not None:
             seen = _of_sweep(config, set_ or [], class_ or [])
         else:
-            from sweeps.evaluation.asked import asked_for
+            from sweeps.evaluation.request import DetectionOptions
 
-            asked = asked_for(
-                Path(str(log)), [], rig or [], geometry or [], layout, world, calib, class_map, roi,
-                class_ or [], split, "visible", accept or [],
+            read = DetectionOptions(
+                log=Path(str(log)), rigs=rig, geometry=geometry, layout=layout, world=world,
+                calib=calib, class_map=class_map, roi=roi, classes=class_, split=split,
+                accept=accept,
             )  # fmt: skip
-            say("\n".join([*asked.notes, *(f"warning: {text}" for text in asked.cautions)]))
-            seen = _of_detections(asked)
-        checks = [check(own) for _, own in seen.groupby(["class", "iou"], sort=True) if len(own)]
+            seen = _of_detections(read)
+        groups = seen.groupby(["class", "iou"], sort=True)
+        checks = [check(group) for _, group in groups if len(group)]
     section = checks_section(checks)
-    for own in section.tables:
-        output().print(table(own.caption, own.head, own.rows, {own.head[i] for i in own.words}))
+    for part in section.tables:
+        words = {part.head[i] for i in part.words}
+        output().print(table(part.caption, part.head, part.rows, words))
     say("\n".join(section.notes))
     if out is None:
         return
     with checked_input():
-        write_curves(out, called(), [own.curve for own in checks])
+        write_curves(out, called(), [check.curve for check in checks])
         page = write_page(out.with_suffix(".html"), SECTIONS_ALONE, [section], name=out.stem)
     say(f"{out}: {len(checks)} curves; {page}")
 
 
 def _of_sweep(config: Path, overrides: list[str], classes: list[str]) -> pd.DataFrame:
-    """Observations of the trials that have detections, of all classes if none is named. Says how
-    many these are."""
+    """Return observations of the trials with detections, of all classes if none is named."""
     from sweeps.calibration.observations import observations, rigs_of
     from sweeps.plan.plan import read_plan
     from sweeps.store.open import store_of
@@ -111,20 +112,23 @@ def _of_sweep(config: Path, overrides: list[str], classes: list[str]) -> pd.Data
     return seen[seen["class"].isin(classes)] if classes else seen
 
 
-def _of_detections(asked: Asked) -> pd.DataFrame:
+def _of_detections(options: DetectionOptions) -> pd.DataFrame:
     import pandas as pd
 
     from lidarplace.recall.counted_objects import CountedObjects
     from lidarplace.recall.detection_curve import CELL_M
     from sweeps.calibration.observations import of_rig
+    from sweeps.evaluation.request import read_request
 
-    test, places = asked.test, asked.geometry
-    for name in asked.rigs:
+    request = read_request(options)
+    say("\n".join([*request.notes, *(f"warning: {text}" for text in request.cautions)]))
+    test, places = request.test, request.geometry
+    for name in request.rigs:
         if name not in places:
             wrong(f"--geometry: missing for rig {name}; expected {name}=recorded, LiDARs or a file")
     objects = CountedObjects.from_log(test.log, test.roi, test.classes, CELL_M)
     tables = [
         of_rig(name, places[name], seeds, objects, test.routes, test.classes, {})
-        for name, seeds in asked.rigs.items()
+        for name, seeds in request.rigs.items()
     ]
     return pd.concat(tables)

@@ -1,4 +1,4 @@
-"""Which rig is the cheapest that does? `lidarplace cheapest search.yaml`."""
+"""The cheapest rig that meets all requirements: `lidarplace cheapest search.yaml`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def cheapest(
     from sweeps.search.cheapest.result import as_json as told
     from sweeps.search.cheapest.result import print_chosen, write_chosen
     from sweeps.search.problem.problem import read_problem
-    from sweeps.search.verification.chosen import recall_of
+    from sweeps.search.verification.reevaluation import recall_of
     from sweeps.store.open import store_of
 
     console = output()

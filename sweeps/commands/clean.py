@@ -1,4 +1,4 @@
-"""Sizes of a store, and room in it: `lidarplace clean grid.yaml`."""
+"""Sizes of a store, and removal of unused results: `lidarplace clean grid.yaml`."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def clean(
 
 
 def _store_of(name: str) -> Store:
-    """The store of a file, or the one of that name. Raises ValueError if there is none."""
+    """Return the store of a file, or the one of that name. Raises ValueError if there is none."""
     from sweeps.store.open import open_store, store_of
     from sweeps.store.remote import RemoteStore
     from sweeps.sweep_or_search import read_either
@@ -95,18 +95,19 @@ def _store_of(name: str) -> Store:
 
 
 def print_cleaned(console: Console, cleaned: Cleaned, dry_run: bool, limit: int | None) -> None:
+    """Print the sizes of a store, and what was removed."""
     summary, whole = summary_of(cleaned, dry_run), _of_results(_results(cleaned), cleaned)
-    rows = ((stage, *_counted(*own.values())) for stage, own in summary["stages"].items())
+    rows = ((stage, *_counted(*counts.values())) for stage, counts in summary["stages"].items())
     stages = table(None, ("stage", "results", "size", "of no sweep", "size of these"), rows)
     stages.add_row("all", *_counted(*whole.values()), style="bold")
     console.print(stages)
     usable = [e for e in cleaned.contents if e.kind == "working" and e not in cleaned.leftovers]
     console.print(f"checkpoints of unfinished trainings: {_told(usable)}")
     console.print(f"leftovers of killed processes: {_told(cleaned.leftovers)}")
-    rows = ((n, own["refers_to"], *_counted(own)) for n, own in summary["sweeps"].items())
+    rows = ((n, counts["refers_to"], *_counted(counts)) for n, counts in summary["sweeps"].items())
     console.print(table(None, ("sweep", "refers to", "of these there", "size"), rows))
-    done = "would be removed" if dry_run else "removed"
-    console.print(f"{done}: {_told(cleaned.removed)}; left: {decimal(cleaned.kept_bytes)}")
+    verb = "would be removed" if dry_run else "removed"
+    console.print(f"{verb}: {_told(cleaned.removed)}; left: {decimal(cleaned.kept_bytes)}")
     if limit is not None and cleaned.kept_bytes > limit:
         larger = f"what sweeps refer to is larger than {decimal(limit)}"
         hint = "name those that are needed no more with --forget"
@@ -114,7 +115,7 @@ def print_cleaned(console: Console, cleaned: Cleaned, dry_run: bool, limit: int 
 
 
 def summary_of(cleaned: Cleaned, dry_run: bool) -> dict[str, Any]:
-    """The same for a script, sizes in bytes."""
+    """Return the summary for a script, sizes in bytes."""
     results = _results(cleaned)
     return {
         "dry_run": dry_run,
@@ -146,7 +147,7 @@ def _sizes(entries: Collection[Entry]) -> dict[str, int]:
 
 
 def _counted(*sizes: Mapping[str, int]) -> list[str]:
-    return [cell for own in sizes for cell in (str(own["count"]), decimal(own["bytes"]))]
+    return [cell for size in sizes for cell in (str(size["count"]), decimal(size["bytes"]))]
 
 
 def _told(entries: Collection[Entry]) -> str:

@@ -40,16 +40,17 @@ _SIGNS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Finding(CheckResult):
-    """Further what was looked at, and what does not work without it."""
+    """A checked thing, its state, and what does not work without it."""
 
     check: str
     needed_for: str
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What a configuration asks of the machine; the defaults without one. `folder` is that of the
-    store, or of the copies from a remote one, whose URL is `store`."""
+class MachineNeeds:
+    """Needs of a configuration; the defaults without one.
+
+    `folder` is that of the store, or of the copies from a remote one, whose URL is `store`."""
 
     path: Path | None = None
     overrides: tuple[str, ...] = ()
@@ -62,7 +63,7 @@ class Asked:
 
     @property
     def cleaned(self) -> str:
-        """What `lidarplace clean` takes: the file, or the store, as it knows no overrides."""
+        """Argument of `lidarplace clean`: the file, or the store, as it knows no overrides."""
         if self.path and not self.overrides:
             return str(self.path)
         return self.store or str(self.folder)
@@ -82,10 +83,10 @@ def doctor(
     if set_ and config is None:
         wrong("--set: name the configuration file, too")
     try:
-        findings = look(asked_of(config, set_ or []) if config else Asked())
+        findings = find_all(machine_needs(config, set_ or []) if config else MachineNeeds())
     except ImportError as error:  # a package is missing without which no file can be read
         unread = CheckResult(f"cannot be read: {error}", "missing", "make setup")
-        findings = [*look(Asked()), _finding(str(config), "this sweep", unread)]
+        findings = [*find_all(MachineNeeds()), _finding(str(config), "this sweep", unread)]
     if as_json:
         print_json([asdict(finding) for finding in findings])
     else:
@@ -94,8 +95,8 @@ def doctor(
         raise typer.Exit(1)
 
 
-def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
-    """What the file and `overrides` ask for. Ends the program with exit code 2 if it is wrong."""
+def machine_needs(config: Path, overrides: Sequence[str] = ()) -> MachineNeeds:
+    """Read the needs of a file with `overrides`; exits with code 2 if it is wrong."""
     from lidarplace.scenes.sumo.settings import SumoScene
     from sweeps.sweep_or_search import read_either
 
@@ -104,7 +105,7 @@ def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
     common = sweep.common
     url = common.store.url
     remote = url is not None and "://" in url
-    return Asked(
+    return MachineNeeds(
         path=config,
         overrides=tuple(overrides),
         run_folder=common.output / common.name,
@@ -116,45 +117,47 @@ def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
     )
 
 
-def look(asked: Asked) -> list[Finding]:
-    """All findings, in the order in which things are needed. One check does not stop the others."""
+def find_all(machine: MachineNeeds) -> list[Finding]:
+    """Run all checks, in the order in which things are needed; none stops the others."""
     wanted: list[tuple[str, str, Callable[[], CheckResult]]] = [
         ("packages", "everything", partial(checks.packages, None, True)),
         ("sweeps", "detectors, sweeps", partial(checks.packages, "sweeps", True)),
         ("GPU", "fast trainings", checks.gpu),
         ("memory", "a training on every CPU, some 2 GB each", checks.memory),
         ("shared memory", "Ray's object store, 0.1 GB or more", checks.shared_memory),
-        ("Ray", "parallel tasks", partial(checks.ray, asked.ray)),
-        ("SUMO", "simulated traffic (scene.source: sumo)", partial(checks.sumo, asked.sumo)),
-        _disk("run folder", asked.run_folder, asked),
-        _disk("copies" if asked.store else "store", asked.folder, asked),
+        ("Ray", "parallel tasks", partial(checks.ray, machine.ray)),
+        ("SUMO", "simulated traffic (scene.source: sumo)", partial(checks.sumo, machine.sumo)),
+        _disk("run folder", machine.run_folder, machine),
+        _disk("copies" if machine.store else "store", machine.folder, machine),
     ]
-    if asked.store:
-        what = f"results in {public_url(asked.store)}"
-        wanted.append(("store", what, partial(checks.remote_store, asked.store)))
-    wanted.append(("MLflow", "logging of trials", partial(checks.mlflow, asked.tracking_uri)))
-    if asked.path:
+    if machine.store:
+        purpose = f"results in {public_url(machine.store)}"
+        wanted.append(("store", purpose, partial(checks.remote_store, machine.store)))
+    wanted.append(("MLflow", "logging of trials", partial(checks.mlflow, machine.tracking_uri)))
+    if machine.path:
         from sweeps.sweep_or_search import is_search
 
-        kind = "this search" if is_search(asked.path) else "this sweep"
-        wanted.append(("scenes", kind, partial(scenes, asked.path, asked.overrides)))
-    postgres = asked.tracking_uri.startswith("postgres")
+        kind = "this search" if is_search(machine.path) else "this sweep"
+        wanted.append(("scenes", kind, partial(scenes, machine.path, machine.overrides)))
+    postgres = machine.tracking_uri.startswith("postgres")
     for extra, name, needed_for, needed in (
-        ("cluster", "Ray client", "ray: ray://…", asked.ray.startswith("ray://")),
+        ("cluster", "Ray client", "ray: ray://…", machine.ray.startswith("ray://")),
         ("postgres", "PostgreSQL driver", "MLflow in PostgreSQL", postgres),
-        ("s3", "S3 client", "store: s3://…", (asked.store or "").startswith("s3")),
+        ("s3", "S3 client", "store: s3://…", (machine.store or "").startswith("s3")),
         ("carla", "CARLA client", "point clouds from a CARLA server", False),
     ):
         wanted.append((name, needed_for, partial(checks.packages, extra, needed)))
     return [_tried(*one) for one in wanted]
 
 
-def _disk(what: str, folder: Path, asked: Asked) -> tuple[str, str, Callable[[], CheckResult]]:
-    return f"disk: {what}", f"results in {folder}", partial(checks.disk, folder, asked.cleaned)
+def _disk(
+    kind: str, folder: Path, machine: MachineNeeds
+) -> tuple[str, str, Callable[[], CheckResult]]:
+    return f"disk: {kind}", f"results in {folder}", partial(checks.disk, folder, machine.cleaned)
 
 
 def scenes(config: Path, overrides: Sequence[str] = ()) -> CheckResult:
-    """The maps, logs and checkpoints that the file names are there."""
+    """Check that the maps, logs and checkpoints that the file names exist."""
     from sweeps.execution.memory import check_memory
     from sweeps.plan.plan import read_plan
     from sweeps.stages.command import CommandStage
@@ -176,24 +179,24 @@ def scenes(config: Path, overrides: Sequence[str] = ()) -> CheckResult:
         program = shlex.split(evaluator.command)[0]
         place = str(evaluator.folder / program) if "/" in program else program
         if program != "{python}" and shutil.which(place) is None:
-            found = f"evaluator.command: no program {program}; found none at {place}"
-            return CheckResult(found, "missing", "install it, or correct evaluator.command")
+            fault = f"evaluator.command: no program {program}; found none at {place}"
+            return CheckResult(fault, "missing", "install it, or correct evaluator.command")
     return CheckResult(f"{len(plan.trials)} trials, {len(plan.tasks)} tasks")
 
 
 def _tried(name: str, needed_for: str, check: Callable[[], CheckResult]) -> Finding:
-    """What the check found; its failure is a finding too."""
+    """Return the finding of a check; its failure is a finding too."""
     try:
-        found = check()
+        result = check()
     except Exception as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
         remedy = needs(error) if isinstance(error, ModuleNotFoundError) else None
-        found, needed_for = CheckResult(text, "missing", remedy or "make setup"), "see the message"
-    return _finding(name, needed_for, found)
+        result, needed_for = CheckResult(text, "missing", remedy or "make setup"), "see the message"
+    return _finding(name, needed_for, result)
 
 
-def _finding(check: str, needed_for: str, found: CheckResult) -> Finding:
-    return Finding(**vars(found), check=check, needed_for=needed_for)
+def _finding(check: str, needed_for: str, result: CheckResult) -> Finding:
+    return Finding(**vars(result), check=check, needed_for=needed_for)
 
 
 def _print(console: Console, findings: list[Finding]) -> None:
@@ -204,7 +207,7 @@ def _print(console: Console, findings: list[Finding]) -> None:
         table.add_row(_SIGNS[finding.state], finding.check, finding.found, finding.needed_for)
     console.print(table)
     # Below the table, where a command is one line that can be copied.
-    titles = {"missing": "Missing", "weak": "Could be better", "optional": "Not asked for"}
+    titles = {"missing": "Missing", "weak": "Could be better", "optional": "Not machine for"}
     for state, title in titles.items():
         mends = [f for f in findings if f.state == state and f.remedy]
         if mends:

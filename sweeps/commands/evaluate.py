@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 app = new_app()
 
 SHOWN = ("AP_R40_3D", "AP_R40_BEV", "class_recall_3D", "recall")
-"""What the terminal shows, at the strict IoU of a class."""
+"""Metrics in the terminal, at the strict IoU of a class."""
 
 
 @verb(
@@ -61,35 +61,38 @@ def evaluate(
 
     Reads KITTI's result files, nuScenes' JSON, Argoverse 2's feather, Waymo's and plain Parquet.
     Two rigs or more become a run folder with a decision page, a failure page and a report."""
-    from sweeps.evaluation.asked import asked_for
+    from sweeps.evaluation.request import DetectionOptions, read_request
     from sweeps.evaluation.run_folder import check_free, evaluate_rigs, results_of, write_evaluation
     from tracking.findings.groups import ONE_FOR_ALL
     from tracking.findings.summary import seed_means
     from tracking.report.build import write_report
 
     with checked_input():
-        found = asked_for(
-            log, detections or [], rig or [], geometry or [], layout, world, calib, class_map, roi,
-            class_ or [], split, counted, accept or [],
+        request = read_request(
+            DetectionOptions(
+                log=log, detections=detections, rigs=rig, geometry=geometry, layout=layout,
+                world=world, calib=calib, class_map=class_map, roi=roi, classes=class_, split=split,
+                counted=counted, accept=accept,
+            )
         )  # fmt: skip
-        several = len(found.rigs) > 1
+        several = len(request.rigs) > 1
         if several:
             check_free(out)
-        worth = evaluate_rigs(found)
-        results, left_out = results_of(worth)
-        means = seed_means(results, (), left_out, ONE_FOR_ALL[0])
+        results = evaluate_rigs(request)
+        metrics, left_out = results_of(results)
+        means = seed_means(metrics, (), left_out, ONE_FOR_ALL[0])
         if several:
-            judge = ONE_FOR_ALL[0] if generalist else "specialist"
-            analysis, frames = write_evaluation(out, worth, found, judge)
+            evaluator = ONE_FOR_ALL[0] if generalist else "specialist"
+            analysis, frames = write_evaluation(out, results, request, evaluator)
             page = write_report(analysis, frames)
-    for caution in found.cautions:
+    for caution in request.cautions:
         say(f"warning: {caution}", sys.stderr)
     if as_json:
         names = ["placement", "class", "metric", "iou", "ground_truths", "mean", "low", "high"]
         rows = means[names].astype(object)
         print_json(rows.where(rows.notna(), None).to_dict("records"))
         return
-    say("\n".join(found.notes))
+    say("\n".join(request.notes))
     output().print(_shown(means, several))
     counts = means.groupby("class", sort=False)["ground_truths"].max()
     if none := counts.index[counts == 0].tolist():
@@ -99,7 +102,7 @@ def evaluate(
     say(
         "in brackets 95 % over the routes or individuals of these frames, whichever scatter more; "
         "what another training would find is not in it"
-        if max(map(len, worth.values())) == 1
+        if max(map(len, results.values())) == 1
         else "in brackets 95 % over trainings and over the routes or individuals of these frames"
     )
     if several:
@@ -114,16 +117,16 @@ def _shown(means: pd.DataFrame, several: bool) -> Table:
     from tracking.labels import digits
 
     rows = []
-    for (rig, name), own in means.groupby(["placement", "class"], sort=False):
+    for (rig, name), values in means.groupby(["placement", "class"], sort=False):
         cells = []
         for metric in SHOWN:
             cells.append("")
-            for row in at_headline_iou(own, means, str(name), metric).to_dict("records"):
+            for row in at_headline_iou(values, means, str(name), metric).to_dict("records"):
                 low, high = row["low"], row["high"]
                 sure = f" ({low:.1f} to {high:.1f})" if high - low > 0.05 else ""
                 cells[-1] = f"{digits(row['mean'], '.1f')}{sure}"
         iou = f"{headline_iou(means, str(name)):g}"
-        objects = f"{own['ground_truths'].max():,}"
+        objects = f"{values['ground_truths'].max():,}"
         rows.append([*([rig] if several else []), name, iou, objects, *cells])
     labels = [METRICS[name].label for name in SHOWN]
     head = (*(["rig"] if several else []), "class", "IoU", "objects", *labels)

@@ -1,4 +1,4 @@
-"""What does one rig find and another one miss? `lidarplace failures runs/grid`."""
+"""Objects that one rig finds and another one misses: `lidarplace failures runs/grid`."""
 
 from __future__ import annotations
 
@@ -43,8 +43,7 @@ def failures(
         Path, typer.Option(metavar="FOLDER", help="folder of the page and the tables")
     ] = Path("failures"),
 ) -> None:
-    """Count the objects that one rig finds and another one misses, and show the frames with the
-    largest differences.
+    """Count the objects that only one of two rigs finds, and show the frames that differ most.
 
     Trains and detects nothing. Writes OUT/failures.html, OUT/tables/failures.csv with the counts
     and OUT/objects.parquet and .csv with the result of each object. The frames need the
@@ -58,17 +57,17 @@ def failures(
 
     with checked_input():
         folder = RunFolder.read(run)
-        found = _compared(folder, rigs, where or [])
-        shown, lacking = _frames(folder, found)
-        section = counted_failures(found)
+        compared = _compared(folder, rigs, where or [])
+        frames, lacking = _frames(folder, compared)
+        section = counted_failures(compared)
         out.mkdir(parents=True, exist_ok=True)
         write_csv_files(out / FOLDER, [section])
-        table = found.table()
+        table = compared.table()
         with replacing(out / "objects.parquet") as partial:
             table.to_parquet(partial, index=False)
         write_csv(table, out / "objects.csv")
         extent = f"{folder.sweep.name}: {folder.sweep.frames.test:,} test frames."
-        page = write_failures(out / FILE, folder, found, shown, section, extent, {})
+        page = write_failures(out / FILE, folder, compared, frames, section, extent, {})
     for sentence in section.notes[:2]:
         output().print(sentence, soft_wrap=True)
     if lacking:
@@ -98,16 +97,16 @@ def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
         raise InputError(problem, place=f"--where {' '.join(where)}")
     if rigs is None:
         ranked = [Recommendation(run, group) for group in chosen]
-        found = compared_failures([one for one in ranked if one.ranking])
+        comparison = compared_failures([one for one in ranked if one.ranking])
         named = "two rigs"
     else:
         first, second = _two(rigs, run)
         both = (failures(run, group, (first, second)) for group in chosen)
-        found = next((own for own in both if own is not None), None)
+        comparison = next((result for result in both if result is not None), None)
         named = f"both {first} and {second}"
-    if found is None:
+    if comparison is None:
         raise InputError(f"no detector of one seed was tested under {named}", place=run.path)
-    return found
+    return comparison
 
 
 def _two(rigs: str, run: RunFolder) -> tuple[str, str]:
@@ -116,8 +115,8 @@ def _two(rigs: str, run: RunFolder) -> tuple[str, str]:
         raise InputError(place=f"--rigs {rigs}", expected="two placements, such as center,line")
     for name in names:
         if name not in run.placements:
-            problem, known = f"{run.path} has no placement {name}", ", ".join(run.placements)
-            raise InputError(problem, place="--rigs", expected=known)
+            problem, placements = f"{run.path} has no placement {name}", ", ".join(run.placements)
+            raise InputError(problem, place="--rigs", expected=placements)
     return names[0], names[1]
 
 
@@ -125,12 +124,12 @@ def _holds(group: Group, where: list[str]) -> bool:
     place = {key: str(value) for key, value in group.place.items()}
     return all(
         place.get(current_key(key)) == value
-        for key, _, value in (own.partition("=") for own in where)
+        for key, _, value in (pair.partition("=") for pair in where)
     )
 
 
-def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]:
-    """The frames of the rigs, or why there are none."""
+def _frames(run: RunFolder, compared: Failures) -> tuple[FailureFrames | None, str]:
+    """Return the frames of the rigs, or why there are none."""
     from sweeps.plan.plan import read_plan
     from sweeps.plan.trial import with_detector
     from sweeps.results.failure_frames import failure_frames
@@ -138,29 +137,28 @@ def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]
     from sweeps.store.open import store_of
 
     if run.sweep.detections:
-        kept = run.failures
-        if kept is None or not kept.are_of(found.rigs, found.objects["object"]):
+        stored = run.failures
+        if stored is None or not stored.are_of(compared.rigs, compared.objects["object"]):
             return None, "`lidarplace evaluate` keeps those of the recommended rigs alone"
-        return kept, ""
+        return stored, ""
     config = run.path / "config.yaml"
     sweep, plan = read_plan(config, [])
     store = store_of(sweep)
     # Not by their keys, in which surrogates count.
     place = ["placement", "detector", "seed", *run.axes]
-    wanted = run.trials.set_index("trial")[place].loc[list(found.trials)]
+    wanted = run.trials.set_index("trial")[place].loc[list(compared.trials)]
     by_place = {
         tuple(identity(t, run.axes)[key] for key in place): t for t in with_detector(plan.trials)
     }
     rows = zip(wanted.index, wanted.itertuples(index=False, name=None), strict=True)
     trials = {str(key): by_place[row] for key, row in rows if row in by_place}
-    needed = {
-        task.key: task for own in trials.values() for task in (own.evaluate, *own.collect_test)
-    }
+    tasks = ((trial.evaluate, *trial.collect_test) for trial in trials.values())
+    needed = {task.key: task for of_trial in tasks for task in of_trial}
     recorded = set() if run.tasks is None else set(run.tasks.get("key", ()))
-    known = recorded & store.finished(needed.values())
-    if len(trials) < len(found.trials) or not known.issuperset(needed):
+    available = recorded & store.finished(needed.values())
+    if len(trials) < len(compared.trials) or not available.issuperset(needed):
         return None, (
-            f"the store of {config} has no clouds and detections of {' and '.join(found.rigs)} by "
-            f"this code; {command('run', str(config))} makes them"
+            f"the store of {config} has no clouds and detections of {' and '.join(compared.rigs)} "
+            f"by this code; {command('run', str(config))} makes them"
         )
-    return failure_frames(found, trials, store), ""
+    return failure_frames(compared, trials, store), ""

@@ -43,7 +43,7 @@ def examples() -> dict[str, str]:
 
 
 def _replaced(path: Path, text: str) -> bool:
-    """Whether what is there makes room for `text`. Who cannot be asked keeps it."""
+    """Return whether an existing file may be replaced by `text`; exits if nobody can be asked."""
     if regular(path).read_bytes() == text.encode():
         return False
     try:

@@ -1,4 +1,4 @@
-"""Does a rig see what its vehicle needs? `lidarplace requirements rigs.yaml`."""
+"""Check rigs against the requirements of their vehicle: `lidarplace requirements rigs.yaml`."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from lidarplace.requirements.check_requirements import RequirementResult
-    from sweeps.configuration.question import Question
+    from sweeps.configuration.requirements_file import RequirementsCheck
     from tracking.pages.section import Section
 
 MOST_FIGURES = 120
-"""Of a page; those that fail come first."""
+"""Most figures of a page; those that fail come first."""
 
 app = new_app()
 
@@ -49,45 +49,45 @@ def requirements(
 
     from lidarplace.requirements.check_requirements import check_requirements
     from lidarplace.requirements.tables import by_rig, case_table, worst_cases
-    from sweeps.configuration.question import read_question
+    from sweeps.configuration.requirements_file import read_requirements_check
     from tracking.pages.requirements import verdict_table
 
     with checked_input():
-        question = read_question(config, set_ or [])
+        check = read_requirements_check(config, set_ or [])
         if dry_run:
-            _print_plan(question, as_json)
+            _print_plan(check, as_json)
             return
         console = Terminal(stderr=True)
-        rigs = track(question.rigs, "rigs", console=console, disable=not console.is_terminal)
+        rigs = track(check.rigs, "rigs", console=console, disable=not console.is_terminal)
         outcomes = [
-            check_requirements(question.laid, rig, question.vehicle, further)
-            for rig, further in zip(rigs, question.further, strict=True)
+            check_requirements(check.layouts, rig, check.vehicle, further)
+            for rig, further in zip(rigs, check.further, strict=True)
         ]
-        names = (rig.name for rig in question.rigs)
+        names = (rig.name for rig in check.rigs)
         cases = by_rig(dict(zip(names, map(case_table, outcomes), strict=True)))
         worst = worst_cases(cases, ["rig"])
-        paths = _write(question, outcomes, cases, worst, out)
+        paths = _write(check, outcomes, cases, worst, out)
     if as_json:
-        told = [_as_json(outcome) for of_rig in outcomes for outcome in of_rig]
-        print_json({"files": paths, "outcomes": told})
+        rows = [_as_json(outcome) for of_rig in outcomes for outcome in of_rig]
+        print_json({"files": paths, "outcomes": rows})
     else:
-        shown = verdict_table(worst, ["rig"])
-        words = {shown.head[i] for i in shown.words}
-        output().print(table(None, shown.head, shown.rows, words=words))
+        printed = verdict_table(worst, ["rig"])
+        words = {printed.head[i] for i in printed.words}
+        output().print(table(None, printed.head, printed.rows, words=words))
         say(f"{(~worst['met']).sum()} of {len(worst)} fail; {', '.join(paths.values())}")
     if not worst["met"].all():
         raise typer.Exit(1)
 
 
-def _print_plan(question: Question, as_json: bool) -> None:
+def _print_plan(check: RequirementsCheck, as_json: bool) -> None:
     from lidarplace.requirements.tables import extents
     from sweeps.results.dry_run import extent_table
 
-    plan = extents(question.laid)
+    plan = extents(check.layouts)
     if as_json:
-        print_json({"rigs": [rig.name for rig in question.rigs], "requirements": plan})
+        print_json({"rigs": [rig.name for rig in check.rigs], "requirements": plan})
         return
-    say(f"rigs: {', '.join(rig.name for rig in question.rigs)}")
+    say(f"rigs: {', '.join(rig.name for rig in check.rigs)}")
     output().print(extent_table(plan))
 
 
@@ -102,57 +102,59 @@ def _as_json(outcome: RequirementResult) -> dict[str, Any]:
         "measure": wanted.measured,
         "at_least": wanted.least,
         "for": wanted.share,
-        "cases": [case_row(outcome, finding) for finding in outcome.findings],
+        "cases": [case_row(outcome, case) for case in outcome.cases],
     }
 
 
 def _write(
-    question: Question,
+    check: RequirementsCheck,
     outcomes: Sequence[Sequence[RequirementResult]],
     cases: pd.DataFrame,
     worst: pd.DataFrame,
     out: Path,
 ) -> dict[str, str]:
-    """The table of all cases, and a page of pictures. Returns the paths by suffix."""
+    """Write the table of all cases, and a page of pictures. Returns the paths by suffix."""
     from lidarplace.files.tables import write_csv
     from tracking.pages.html_page import SECTIONS_ALONE, write_page
 
     paths = {suffix: out.with_name(f"{out.name}.{suffix}") for suffix in ("csv", "html")}
     out.parent.mkdir(parents=True, exist_ok=True)
     write_csv(cases, paths["csv"])
-    sections = list(_sections(question, outcomes, worst))
+    sections = list(_sections(check, outcomes, worst))
     write_page(paths["html"], SECTIONS_ALONE, sections, name=out.name)
     return {suffix: str(path) for suffix, path in paths.items()}
 
 
 def _sections(
-    question: Question, outcomes: Sequence[Sequence[RequirementResult]], worst: pd.DataFrame
+    check: RequirementsCheck, outcomes: Sequence[Sequence[RequirementResult]], worst: pd.DataFrame
 ) -> Iterator[Section]:
     from lidarplace.mounting.outline import outline
     from lidarplace.requirements.tables import Ground
     from tracking.pages.requirements import ALONE, COLOURS, counted, requirement_map, verdict_table
     from tracking.pages.section import Section
 
-    rigs = {rig.name: rig for rig in question.rigs}
-    found = {(own.rig, own.requirement.name): own for of_rig in outcomes for own in of_rig}
-    shown = worst.sort_values("met", kind="stable").head(MOST_FIGURES)
+    rigs = {rig.name: rig for rig in check.rigs}
+    results = {
+        (result.rig, result.requirement.name): result for of_rig in outcomes for result in of_rig
+    }
+    pictured = worst.sort_values("met", kind="stable").head(MOST_FIGURES)
     first = Section("Requirements", [counted(worst), ALONE], tables=[verdict_table(worst, ["rig"])])
-    if len(shown) < len(worst):
-        first.notes.append(f"Pictures of {len(shown)} of them, those that fail first.")
+    if len(pictured) < len(worst):
+        first.notes.append(f"Pictures of {len(pictured)} of them, those that fail first.")
     yield first
-    for laid in question.laid:
-        name = laid.requirement.name
-        if laid.requirement.common_view is not None:
+    for layout in check.layouts:
+        name = layout.requirement.name
+        if layout.requirement.common_view is not None:
             continue
         figures = [
             requirement_map(
                 row,
-                Ground.of(found[row["rig"], name]),
+                Ground.of(results[row["rig"], name]),
                 row["rig"],
                 rigs[row["rig"]].mounts,
-                outline(question.vehicle),
+                outline(check.vehicle),
             )
-            for row in shown[shown["requirement"] == name].to_dict("records")
+            for row in pictured[pictured["requirement"] == name].to_dict("records")
         ]
         if figures:
             yield Section(name, notes=[COLOURS], figures=figures)

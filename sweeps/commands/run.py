@@ -50,19 +50,19 @@ def run(
     with checked_input():
         sweep, plan = read_plan(config, set_ or [])
         store = store_of(sweep)
-        done = store.finished(plan.tasks)
-        to_do = [task for task in plan.tasks if task.key not in done]
+        finished = store.finished(plan.tasks)
+        to_do = [task for task in plan.tasks if task.key not in finished]
         check_memory(to_do, sweep.common.ray.address)
     console = output()
     if dry_run:
         with checked_input():
             check_origin(sweep)
-            shown = describe_dry_run(sweep, plan, store)
-            page = None if as_json else write_rigs_page(sweep, shown.cautions)
+            described = describe_dry_run(sweep, plan, store)
+            page = None if as_json else write_rigs_page(sweep, described.cautions)
         if as_json:
-            print_json(asdict(shown))
+            print_json(asdict(described))
         else:
-            print_dry_run(console, shown)
+            print_dry_run(console, described)
             say(f"rigs drawn: {page}")
         return
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
@@ -70,6 +70,6 @@ def run(
 
     with checked_input():
         check_writable(sweep, store)
-    what = (sweep, plan, store, called(), rerun_failed)
-    if not interruptible(console, lambda: run_sweep(console, *what)):
+    arguments = (sweep, plan, store, called(), rerun_failed)
+    if not interruptible(console, lambda: run_sweep(console, *arguments)):
         raise typer.Exit(1)

@@ -1,4 +1,4 @@
-"""Where a sweep or a search stands: `lidarplace status grid.yaml`."""
+"""State of a sweep or a search: `lidarplace status grid.yaml`."""
 
 from __future__ import annotations
 
@@ -58,11 +58,11 @@ def status(
             from sweeps.search.problem.problem import read_problem  # Optuna
 
             problem = read_problem(config, overrides)
-            found = until_whole(lambda: search_state(problem), say)
+            search_status = until_whole(lambda: search_state(problem), say)
             if as_json:
-                print_json({"kind": "search"} | asdict(found))
+                print_json({"kind": "search"} | asdict(search_status))
             else:
-                print_search(output(), found, all_, problem.folder)
+                print_search(output(), search_status, all_, problem.folder)
             return
         sweep, plan = read_plan(config, overrides)
         store = store_of(sweep)
@@ -74,18 +74,19 @@ def status(
 
 
 def print_state(console: Console, state: SweepState, every: bool, again: str) -> None:
-    """Print tables of stages and trials; of many trials, unless `every`, what runs or failed.
+    """Print tables of stages and trials; of many trials, unless `every`, running and failed ones.
+
     `again` is the command that retries all failures."""
     by_status = Counter(trial.status for trial in state.trials)
     counts = ", ".join(f"{by_status[name]} {name}" for name in _STATUSES if by_status[name])
     console.print(f"{state.name}: {_alive(state.alive)}; {len(state.trials)} trials: {counts}")
     table = Table()
     table.add_column("stage")
-    shown = [name for name in _STATUSES if any(name in own for own in state.stages.values())]
-    for name in shown:
+    statuses = [name for name in _STATUSES if any(name in n for n in state.stages.values())]
+    for name in statuses:
         table.add_column(name, justify="right", style=_COLOURS.get(name))
-    for stage, own in state.stages.items():
-        table.add_row(stage, *(str(own.get(name, "")) for name in shown))
+    for stage, numbers in state.stages.items():
+        table.add_row(stage, *(str(numbers.get(name, "")) for name in statuses))
     console.print(table)
     trials = state.trials
     if len(trials) > _MOST_TRIALS and not every:
@@ -103,7 +104,7 @@ def print_state(console: Console, state: SweepState, every: bool, again: str) ->
 
 
 def print_search(console: Console, state: SearchState, every: bool, folder: Path) -> None:
-    """Print how far the trials are, the best of them, what failed, and the state of `verify`."""
+    """Print the number of trials, the best of them, failures, and the state of `verify`."""
     trials = state.trials
     console.print(
         f"{state.name}: {_alive(state.alive)}; {trials['done']} of {trials['wanted']} trials "
@@ -112,13 +113,13 @@ def print_search(console: Console, state: SearchState, every: bool, folder: Path
     stride = state.azimuth_stride
     rays = f" (as searched, rays of 1 in {stride} azimuth steps)" if stride > 1 else ""
     best = state.best if every else state.best[:_MOST_BEST]
-    for found in best:
-        values = ", ".join(f"{name} {value:.6g}" for name, value in found["values"].items())
-        console.print(f"best so far: trial {found['trial']}: {values}{rays}")
+    for trial in best:
+        values = ", ".join(f"{name} {value:.6g}" for name, value in trial["values"].items())
+        console.print(f"best so far: trial {trial['trial']}: {values}{rays}")
     if len(best) < len(state.best):
         console.print(f"{len(state.best) - len(best)} more of the Pareto front: --all lists them")
-    for own in state.failures:
-        console.print(f"trial {own['trial']} failed: {own['reason']}", soft_wrap=True)
+    for failure in state.failures:
+        console.print(f"trial {failure['trial']} failed: {failure['reason']}", soft_wrap=True)
     if state.verify is not None:
         console.print()
         again = command("run", str(folder / "sweep.yaml"), "--rerun-failed")

@@ -23,7 +23,7 @@ EVALUATORS = ("specialist", "generalist", "finetuned", "pretrained")
 class EvaluatorCommand(Settings):
     """A program of the user that detects objects in the clouds of each rig.
 
-    What is left out where it is dumped decides nothing about its detections."""
+    Fields that are not dumped do not decide its detections."""
 
     command: settings.Text = Field(
         description="program and arguments, run without a shell; {clouds}: folder of the frames, "
@@ -74,20 +74,21 @@ class EvaluatorCommand(Settings):
         return command
 
     def uses(self, placeholder: str) -> bool:
+        """Return whether the command has a placeholder."""
         return f"{{{placeholder}}}" in self.command
 
 
 def _checked(evaluator: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo) -> Any:
     # Not by the union, whose error would be of all its members.
     if isinstance(evaluator, (Mapping, EvaluatorCommand)):
-        own = EvaluatorCommand.model_validate(evaluator, context=info.context)
-        if own.name in EVALUATORS:
+        command = EvaluatorCommand.model_validate(evaluator, context=info.context)
+        if command.name in EVALUATORS:
             problem, fix = (
-                f"{own.name} is a built-in evaluator",
+                f"{command.name} is a built-in evaluator",
                 "choose another name for the command",
             )
             raise InputError(problem, key="name", fix=fix)
-        return own
+        return command
     if evaluator not in EVALUATORS:
         hint = did_you_mean(evaluator, EVALUATORS) if isinstance(evaluator, str) else ""
         raise InputError(expected=f"{', '.join(EVALUATORS)}, or a mapping with command{hint}")
@@ -98,4 +99,4 @@ Evaluator = Annotated[
     Literal["specialist", "generalist", "finetuned", "pretrained"] | EvaluatorCommand,
     WrapValidator(_checked),
 ]
-"""Which detector evaluates a placement."""
+"""What evaluates a placement."""

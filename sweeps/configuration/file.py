@@ -1,4 +1,4 @@
-"""A configuration file as plain data, checked against its model: one line for a mistake."""
+"""A configuration file as plain data, validated against its model: one line for a mistake."""
 
 import logging
 import re
@@ -39,7 +39,7 @@ class ConfigError(InputError):
 
 @contextmanager
 def reading(key: str) -> Iterator[None]:
-    """`at` a key that names files, which the block reads: an OSError becomes ConfigError, too."""
+    """Put a key of files in front of errors of the block; an OSError becomes ConfigError, too."""
     with at(key=key, error=ConfigError):
         try:
             yield
@@ -48,8 +48,9 @@ def reading(key: str) -> Iterator[None]:
 
 
 def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> dict[str, Any]:
-    """The mapping in `path`, whose keys are fields of `model`, with the `KEY=VALUE` of every
-    `--set`; not checked yet. Raises ConfigError: unreadable, or what cannot be put in."""
+    """Read the mapping in `path`, whose keys are fields of `model`, with `--set KEY=VALUE`.
+
+    Values are not validated. Raises ConfigError: unreadable, or overrides do not fit."""
     try:
         raw = read_yaml_file(path)
     except OSError as error:
@@ -58,8 +59,8 @@ def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> d
         raise ConfigError(**vars(error)) from None
     with at(path, ConfigError):
         if not isinstance(raw, dict):
-            what = "nothing" if raw is None else type(raw).__name__
-            raise InputError(expected="a mapping of keys", found=what)
+            kind_of_content = "nothing" if raw is None else type(raw).__name__
+            raise InputError(expected="a mapping of keys", found=kind_of_content)
         written, raw = raw, _with_current_keys(raw)
         is_outdated = raw != written
         unknown = [key for key in raw if key not in model.model_fields]
@@ -93,24 +94,34 @@ def _with_current_keys(value: Any, place: str = "") -> Any:
 
 
 def public_yaml(config: Mapping[str, Any]) -> str:
-    """A configuration as it is written into a file or a page: without secrets."""
+    """Return a configuration as written into a file or a page: without secrets."""
     return yaml.safe_dump(hide_secrets_in(dict(config)), sort_keys=False)
 
 
-def read_named(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> dict[str, Any]:
-    """`read_yaml`, with the name of the file where it has none. Raises ConfigError."""
+def read_named(
+    path: Path,
+    overrides: Sequence[str],
+    model: type[BaseModel],
+    changes: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Read a configuration as `read_yaml`, whose name is that of the file where it has none.
+
+    `changes`: key path -> plain data, set after `overrides`. Raises ConfigError."""
     raw = read_yaml(path, overrides, model)
+    with at(path, ConfigError):
+        for key, value in (changes or {}).items():
+            put(raw, key, value)
     if "name" not in raw and not re.fullmatch(NAME, path.stem):
         other = re.sub(r"[^\w.-]+", "_", path.stem).lstrip(".-") or "mine"
         problem, expected = "the default is that of the file", "letters, digits and _.- alone"
         fix = f"set another, such as --set name={other}"
-        found = repr(path.stem)
-        raise ConfigError(problem, place=path, key="name", expected=expected, found=found, fix=fix)
+        stem = repr(path.stem)
+        raise ConfigError(problem, place=path, key="name", expected=expected, found=stem, fix=fix)
     return {**raw, "name": raw.get("name", path.stem)}
 
 
 def split_override(pair: str) -> tuple[str, str]:
-    """Key path and value of a `--set`. Raises ConfigError."""
+    """Return key path and value of a `--set`. Raises ConfigError."""
     key, equals, text = pair.partition("=")
     if not equals or not key.strip():
         such = f", such as --set {key.strip()}=3" if key.strip() else ""
@@ -143,10 +154,13 @@ def _override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel]
 
 
 def put(data: dict[str, Any], key_path: str, value: Any) -> None:
-    """Set the value at a dotted key path, in copies of the mappings on the way."""
+    """Set the value at a dotted key path, in copies of the mappings or settings on the way."""
     *parents, last = key_path.split(".")
     for key in parents:
         inner = data.get(key, {})
+        if isinstance(inner, BaseModel):
+            fields = type(inner).model_fields
+            inner = {fields[k].alias or k: getattr(inner, k) for k in inner.model_fields_set}
         if not isinstance(inner, dict):
             raise InputError(f"{key} is {inner!r}, not a mapping of keys", key=key_path)
         data[key] = data = dict(inner)
@@ -160,7 +174,8 @@ def check(
     names: Mapping[str, str] | None = None,
     changes: Mapping[str, Any] | None = None,
 ) -> Model:
-    """Validate, with `changes` by key path in `data`; raise the first mistake as InputError.
+    """Validate data with `changes` by key path; raise the first mistake as InputError.
+
     `path` is the file of the data. `names` maps a key path to what the user wrote it as; the empty
     path is the model as a whole."""
     data = dict(data)
@@ -191,7 +206,7 @@ def _model_at(
 
 
 def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """The model in an annotation such as `dict[str, Model]` or `tuple[Model, ...]`."""
+    """Return the model in an annotation such as `dict[str, Model]` or `tuple[Model, ...]`."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     inner = (_model_in(argument) for argument in getattr(annotation, "__args__", ()))
@@ -199,6 +214,7 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
 
 
 def unknown_key(name: str, model: type[BaseModel], key: str = "", place: str = "") -> ConfigError:
+    """Return the error of an unknown key, with a suggestion."""
     allowed = [field.alias or name for name, field in model.model_fields.items()]
     problem = f"unknown key{did_you_mean(name.partition('.')[0], allowed)}"
     return ConfigError(problem, place=place, key=key, expected=f"one of {', '.join(allowed)}")

@@ -1,4 +1,4 @@
-"""From a configuration file to the points of its grid, with errors a user can act on."""
+"""Points of the grid of a configuration file, with errors a user can act on."""
 
 import itertools
 import math
@@ -23,22 +23,26 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import ConfigError, check, read_named, unknown_key
+from sweeps.configuration.point import Point
 from sweeps.configuration.rigs import Rigs
-from sweeps.configuration.sweep import Common, Point, SweepFile
+from sweeps.configuration.sweep import Common, SweepFile
 from sweeps.configuration.whole_paths import portable
 from tracking.findings.groups import ONE_FOR_ALL
 from training.settings import TrainingSettings
 
 MOST_POINTS = 20_000
-"""Of a grid. Each takes milliseconds to check and to plan: beyond, axes were likelier confused."""
+"""Most points of a grid; each takes milliseconds: beyond, axes were likelier confused."""
 
 
 @dataclass(frozen=True)
 class GridPoint:
-    """A point of the grid. `rig`: its placement, with its LiDARs and in its weather. `axes`: its
-    place on the axes, key path -> value. `rung`: which rung of `promote` it is trained for; their
-    number for the full training. `set_by_rungs`: axes that rungs set, in addition to those of the
-    grid."""
+    """A point of the grid.
+
+    Attributes:
+        rig: its placement, with its LiDARs and in its weather.
+        axes: its place on the axes, key path -> value.
+        rung: index of the rung of `promote` that trains it; their number for the full training.
+        set_by_rungs: axes that rungs set, in addition to those of the grid."""
 
     point: Point
     rig: Placement
@@ -48,22 +52,27 @@ class GridPoint:
 
     @cached_property
     def roi(self) -> Roi:
+        """The region of interest."""
         return self.point.voxel_roi()
 
     @cached_property
     def vehicle(self) -> Vehicle | None:
-        """What carries the LiDARs; None: a sedan."""
-        own = self.point.vehicle
-        return None if own is None else own.vehicle()
+        """The vehicle that carries the LiDARs; None: a sedan."""
+        settings = self.point.vehicle
+        return None if settings is None else settings.vehicle()
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """A configuration that has been read, checked and multiplied out. `points`: the product of the
-    axes less what is excluded, last axis fastest; once for every rung of `promote` that trains, the
-    full trainings last. `axes`: key paths of the grid, and those that rungs of `promote` set.
-    `source`: the configuration after `--set`, as plain data. `rigs`: of the points, and all others
-    that the configuration names. `path`: its file."""
+    """A configuration that has been read, validated and multiplied out.
+
+    Attributes:
+        points: the product of the axes less what is excluded, last axis fastest; once for every
+            rung of `promote` that trains, the full trainings last.
+        axes: key paths of the grid, and those that rungs of `promote` set.
+        source: the configuration after `--set`, as plain data.
+        rigs: of the points, and all others that the configuration names.
+        path: its file."""
 
     common: Common
     points: tuple[GridPoint, ...]
@@ -73,10 +82,13 @@ class Sweep:
     path: Path
 
 
-def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
+def read_sweep(
+    path: Path, overrides: Sequence[str] = (), changes: Mapping[str, Any] | None = None
+) -> Sweep:
     """Read `path`, apply `KEY=VALUE` overrides (values are YAML), check all and build the grid.
-    Raises ConfigError."""
-    raw = read_named(path, overrides, SweepFile)
+
+    `changes`: key path -> plain data, set after `overrides`. Raises ConfigError."""
+    raw = read_named(path, overrides, SweepFile, changes)
     with at(path, ConfigError), plugin_folder(path.parent):
         sweep = build_sweep(raw, path)
         _check_mounts(sweep)
@@ -84,21 +96,23 @@ def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
 
 
 def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
-    """The sweep of the configuration `path` as plain data. Raises InputError."""
+    """Build the sweep of the configuration `path`, given as plain data. Raises InputError."""
     grid = _axes(raw)
     common = {key: value for key, value in raw.items() if key in Common.model_fields}
-    own = {key: value for key, value in raw.items() if key not in (*common, "grid", "exclude")}
+    of_point = {key: value for key, value in raw.items() if key not in (*common, "grid", "exclude")}
     # Every value of every axis by itself first: the error can then name it.
     checked_common = check(Common, common, path)
     at_first = {axis: values[0] for axis, values in grid.items()}
-    first = check(Point, own, path, {axis: f"grid.{axis}[0]" for axis in grid}, at_first)
+    first = check(Point, of_point, path, {axis: f"grid.{axis}[0]" for axis in grid}, at_first)
     rigs = Rigs(checked_common.placements, first)
-    _check_own_values(own, at_first, rigs, first, path)
+    _check_own_values(of_point, at_first, rigs, first, path)
     rungs = _trained_rungs(checked_common, grid)
     # A section in which nothing varies is one object for all points: one log is read once.
     varied = {k.partition(".")[0] for k in (*grid, *(k for _, settings in rungs for k in settings))}
-    known = {key: getattr(first, key) for key in own.keys() - varied}
-    base = own | {key: value for key, value in known.items() if isinstance(value, BaseModel)}
+    sections = {key: getattr(first, key) for key in of_point.keys() - varied}
+    base = of_point | {
+        key: value for key, value in sections.items() if isinstance(value, BaseModel)
+    }
     for axis, values in grid.items():
         for i, value in enumerate(values[1:], start=1):
             names = {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"}
@@ -118,7 +132,9 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
                 rig = rigs.of(point)
             plain: Any = point.model_dump(mode="json")
             set_by_rungs = {
-                key: reduce(getitem, key.split("."), plain) for _, own in rungs for key in own
+                key: reduce(getitem, key.split("."), plain)
+                for _, of_point in rungs
+                for key in of_point
             }
             axes |= set_by_rungs
             if "evaluator" in axes:
@@ -131,36 +147,38 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
 
 
 def _check_mounts(sweep: Sweep) -> None:
-    """Refuse rigs with a LiDAR inside of the vehicle, or that sees nothing of the ROI, where clouds
-    are simulated. A sweep that a search makes is not asked: in addition to its own rigs, which keep
-    out of the body, it has the paper's for comparison, whatever vehicle they are on."""
+    """Reject rigs with a LiDAR inside of the vehicle, or that sees nothing of the ROI.
+
+    Only where clouds are simulated. A sweep that a search makes is not checked: in addition to its
+    own rigs, which keep out of the body, it has the paper's for comparison, whatever vehicle they
+    are on."""
     checked = set()
-    for own in sweep.points:
-        point = own.point
+    for grid_point in sweep.points:
+        point = grid_point.point
         if isinstance(point.scene, LogScene) and point.scene.clouds == "recorded":
             continue
-        question = (point.placement, point.lidar, point.vehicle, point.roi, point.weather)
-        if question in checked:
+        conditions = (point.placement, point.lidar, point.vehicle, point.roi, point.weather)
+        if conditions in checked:
             continue
-        checked.add(question)
+        checked.add(conditions)
         with at(key="placement"):
-            check_mounts(own.rig, own.vehicle)
+            check_mounts(grid_point.rig, grid_point.vehicle)
             if not sweep.common.allow_blind_lidars:
-                check_not_blind(own.rig, own.roi, own.vehicle)
+                check_not_blind(grid_point.rig, grid_point.roi, grid_point.vehicle)
 
 
 def _check_own_values(
-    own: Mapping[str, Any], at_first: Mapping[str, Any], rigs: Rigs, first: Point, path: Path
+    of_point: Mapping[str, Any], at_first: Mapping[str, Any], rigs: Rigs, first: Point, path: Path
 ) -> None:
-    """Refuse what the file says wrongly outside of the grid, though an axis replaces it."""
+    """Reject wrong values outside of the grid, though an axis replaces them."""
     for key in dict.fromkeys(axis.partition(".")[0] for axis in at_first):
-        if key in own:
-            said = [a for a in at_first if a.partition(".")[0] == key and _has(own, a)]
-            changes = {axis: value for axis, value in at_first.items() if axis not in said}
-            check(Point, own, path, changes=changes)
-    if "placement" in own and "placement" in at_first:
+        if key in of_point:
+            own_axes = [a for a in at_first if a.partition(".")[0] == key and _has(of_point, a)]
+            changes = {axis: value for axis, value in at_first.items() if axis not in own_axes}
+            check(Point, of_point, path, changes=changes)
+    if "placement" in of_point and "placement" in at_first:
         with at(key="placement"):
-            rigs.of(first, str(own["placement"]))
+            rigs.of(first, str(of_point["placement"]))
 
 
 def _has(data: Any, key_path: str) -> bool:
@@ -172,7 +190,7 @@ def _has(data: Any, key_path: str) -> bool:
 
 
 def _trained_rungs(common: Common, grid: Mapping[str, Any]) -> list[tuple[int, dict[str, Any]]]:
-    """Rungs that train, by their number, and what they set; at last the full trainings."""
+    """Return rungs that train, by their number, and what they set; at last the full trainings."""
     rungs = []
     for number, rung in enumerate(common.promote):
         where = f"promote[{number}].set"
@@ -197,10 +215,10 @@ def _check_rungs(common: Common, point: Point) -> None:
             raise InputError(f"{rung.by} is not among surrogate.names", key=f"{key}.by")
         if rung.by in RANKING and rung.by not in (*METRICS.own, *point.metrics):
             raise InputError(f"{rung.by} is not among metrics", key=f"{key}.by")
-        own = {
+        training = {
             key.removeprefix("training."): v for key, v in rung.set.items() if key != "evaluator"
         }
-        shorter = point.training.model_copy(update=own)
+        shorter = point.training.model_copy(update=training)
         cheaper = rung.set.get("evaluator") in ONE_FOR_ALL and point.evaluator not in ONE_FOR_ALL
         if rung.set and not cheaper and _effort(shorter) >= _effort(point.training):
             problem = "these trainings see as many frames as the full ones"
@@ -216,21 +234,23 @@ def refuse_overlaps(
     others: Collection[str] = (),
     whose: str = "which is also set",
 ) -> None:
-    """Refuse a key path of the mapping `where` inside of another, or of one that is set next to it,
-    `whose`: which of the two counts would depend on their order. Raises InputError."""
+    """Reject a key path of the mapping `where` inside of another, or of one set in `others`.
+
+    `whose` describes the others: which of the two counts would depend on their order. Raises
+    InputError."""
     for outer, inner in (*_nested(key_paths, key_paths), *_nested(others, key_paths)):
-        what = "which is also set" if outer in key_paths else whose
-        raise InputError(f"is inside {outer}, {what}", key=f"{where}.{inner}")
+        relation = "which is also set" if outer in key_paths else whose
+        raise InputError(f"is inside {outer}, {relation}", key=f"{where}.{inner}")
     for outer, inner in _nested(key_paths, others):
         raise InputError(f"has {inner} inside, {whose}", key=f"{where}.{outer}")
 
 
 def _nested(outer: Iterable[str], inner: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Pairs of which the second is a key path inside of the first."""
-    known = set(outer)
+    """Yield pairs of which the second is a key path inside of the first."""
+    outer_paths = set(outer)
     for path in inner:
         for i, letter in enumerate(path):
-            if letter == "." and path[:i] in known:
+            if letter == "." and path[:i] in outer_paths:
                 yield path[:i], path
 
 
@@ -254,9 +274,8 @@ def _axes(raw: Mapping[str, Any]) -> dict[str, list[Any]]:
                 raise InputError(f"duplicate value {excerpt(value)}", key=key)
             seen.add(_key(value))
     refuse_overlaps(grid, "grid")
-    names = [
-        own.get("name", "command") for own in grid.get("evaluator", ()) if isinstance(own, dict)
-    ]
+    commands = [value for value in grid.get("evaluator", ()) if isinstance(value, dict)]
+    names = [command.get("name", "command") for command in commands]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"duplicate name {excerpt(name)} of commands", key="grid.evaluator")
@@ -268,17 +287,17 @@ def _axes(raw: Mapping[str, Any]) -> dict[str, list[Any]]:
 
 
 def _key(value: Any) -> Any:
-    """Something hashable that is equal for equal values."""
+    """Return something hashable that is equal for equal values."""
     if isinstance(value, dict):
         return "mapping", frozenset((key, _key(inner)) for key, inner in value.items())
     return ("list", *map(_key, value)) if isinstance(value, list) else value
 
 
 def _exclusions(rules: Any, grid: Mapping[str, list[Any]]) -> list[dict[str, set[Any]]]:
-    """For every rule the excluded values of its axes, as `_key` has them."""
+    """Return the excluded values of the axes of every rule, as `_key` has them."""
     if not isinstance(rules, list):
         raise InputError(key="exclude", expected="a list of mappings", found=excerpt(rules))
-    known = {axis: {_key(value) for value in values} for axis, values in grid.items()}
+    keys_by_axis = {axis: {_key(value) for value in values} for axis, values in grid.items()}
     checked = []
     for i, rule in enumerate(rules):
         if not isinstance(rule, dict) or not rule:
@@ -291,7 +310,7 @@ def _exclusions(rules: Any, grid: Mapping[str, list[Any]]) -> list[dict[str, set
                 expected = ", ".join(grid) or "none"
                 raise InputError("no axis of the grid", key=where, expected=expected)
             for value in values:
-                if _key(value) not in known[key]:
+                if _key(value) not in keys_by_axis[key]:
                     expected = f"one of {excerpt(grid[key])}"
                     raise InputError(key=where, expected=expected, found=excerpt(value))
         checked.append({key: set(map(_key, values)) for key, values in lists.items()})

@@ -12,36 +12,48 @@ from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.rigs.weather import Weather
 from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
-from sweeps.configuration.sweep import LidarSettings, Point
+from sweeps.configuration.point import LidarSettings, Point
 
 
 class Rigs:
-    """Own placements and the paper's by name, with the LiDARs and in the weather of points. A rig
-    that is asked for again is the same object."""
+    """Own placements and the paper's by name, with the LiDARs and in the weather of points.
 
-    def __init__(self, own: Mapping[str, SweptPlacementSettings], first: Point) -> None:
-        """Build own placements as the first point has them. Raises ValueError, as `of` does."""
-        check_names(own)
-        self.own = own
+    The same rig is always the same object."""
+
+    def __init__(
+        self,
+        settings: Mapping[str, SweptPlacementSettings],
+        first: Point,
+        built: Mapping[str, Placement] | None = None,
+    ) -> None:
+        """Build own placements as the first point has them; `built` are the same for all points.
+
+        Raises ValueError, as `of` does."""
+        check_names(settings)
+        self.own, self._ready = settings, built or {}
         self._built = cache(self._build)
         self._in_weather = cache(Lidar.in_weather)
         self._subset = cache(_subset)
         with at(key="placements"):
-            for name in own:
+            for name in settings:
                 self.of(first, name)
 
     def of(self, point: Point, name: str | None = None) -> Placement:
-        """The rig of a point, or the one called `name` with its LiDARs and in its weather. Raises
-        ValueError: there is none of that name, two of its LiDARs are in one place, the weather does
-        not fit them, or LiDARs of a recorded rig are not those of the point's scene."""
+        """Return the rig of a point, or the one called `name` with its LiDARs and in its weather.
+
+        Raises ValueError: there is none of that name, two of its LiDARs have one position, the
+        weather does not fit them, or LiDARs of a recorded rig are not those of the point's
+        scene."""
         name, subset = name or point.placement, None
+        if name in self._ready:
+            return self._ready[name]
         if names := self.recorded(name):
             with at(key=f"{name}.recorded"):
                 subset = self._subset(point.scene, point.lidar, names)
         return self._built(name, point.lidar.lidar(), point.weather.weather(), subset)
 
     def recorded(self, name: str) -> tuple[str, ...]:
-        """Which LiDARs of the recorded rig a placement names; none for one by coordinates."""
+        """Return the LiDARs of the recorded rig that a placement names; none by coordinates."""
         return self.own[name].recorded if name in self.own else ()
 
     def _build(
@@ -55,23 +67,23 @@ class Rigs:
         elif name in PAPER_PLACEMENTS:
             rig = PAPER_PLACEMENTS[name].with_lidar(lidar)
         else:
-            known = [*PAPER_PLACEMENTS, *self.own]
-            hint = did_you_mean(name, known)
-            raise InputError(f"no placement {name!r}{hint}", expected=f"one of {', '.join(known)}")
-        return rig.each_lidar(lambda own: self._in_weather(own, weather))
+            names = [*PAPER_PLACEMENTS, *self.own, *self._ready]
+            hint = did_you_mean(name, names)
+            raise InputError(f"no placement {name!r}{hint}", expected=f"one of {', '.join(names)}")
+        return rig.each_lidar(lambda model: self._in_weather(model, weather))
 
 
-def check_names(own: Iterable[str]) -> None:
-    """Raise InputError if a placement of one's own is called as one of the paper's."""
-    for name in sorted(set(own) & set(PAPER_PLACEMENTS)):
+def check_names(names: Iterable[str]) -> None:
+    """Raise InputError if an own placement has the name of one of the paper's."""
+    for name in sorted(set(names) & set(PAPER_PLACEMENTS)):
         raise InputError(f"{name!r} is the paper's", key="placements", fix="choose another name")
 
 
 def _subset(scene: Scene, lidar: LidarSettings, names: tuple[str, ...]) -> Placement:
-    """LiDARs of the rig that recorded a log, with what `lidar` corrects. Raises ValueError."""
+    """Return LiDARs of the rig that recorded a log, corrected by `lidar`. Raises ValueError."""
     if not isinstance(scene, LogScene):
         problem, expected = "needs the recorded rig of a log", "scene.source log"
         raise InputError(problem, expected=expected, found=scene.source)
     subset = scene.rig.subset(names)
     models = zip(subset.names, subset.placement.lidars, strict=True)
-    return replace(subset.placement, lidar=[lidar.corrected(own, name) for name, own in models])
+    return replace(subset.placement, lidar=[lidar.corrected(model, name) for name, model in models])

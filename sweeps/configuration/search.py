@@ -1,233 +1,51 @@
-"""The configuration of a search: where LiDARs may go, what is wanted of them, and how to look."""
+"""The configuration of a search: its space, objectives, constraints and sampler."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from lidarplace.base.errors import InputError
-from lidarplace.base.metrics import METRICS, RANKING, Direction, headline_metric
-from lidarplace.base.registry import OneOf
+from lidarplace.base.metrics import METRICS
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings, further_sensors
 from lidarplace.configuration.mounting import (
     KeepOuts,
     LimitSettings,
     MountingErrorSettings,
-    PlaceSettings,
     mountable,
     number_as_interval,
-    ordered,
 )
-from lidarplace.configuration.placement import MountSettings
-from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
-    Amount,
-    ClassName,
     Count,
     CountFromOne,
     Degrees,
     Distance,
-    Factor,
     Name,
     Seconds,
     Seed,
     Settings,
-    Text,
     short_for,
 )
 from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
-from lidarplace.pog.surrogates.table import SURROGATES
 from lidarplace.requirements.settings import Requirements
-from lidarplace.rigs.catalogue.datasheet import datasheet
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.placement import Mount
-from sweeps.configuration.sweep import Common, Point, best_of
+from sweeps.configuration.mountable_lidars import FixedSettings, ModelSettings, Turn, ZoneSettings
+from sweeps.configuration.objective import (
+    DEFAULT_METRIC,
+    GENERALIST,
+    PRETRAINED,
+    ObjectiveSettings,
+    as_objective,
+)
+from sweeps.configuration.point import Point
+from sweeps.configuration.sweep import Common
 
 SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "nsga3", "random", "qmc")
-Turn = Annotated[
-    tuple[Degrees, Degrees], BeforeValidator(number_as_interval), AfterValidator(ordered)
-]
-"""A number, or [min, max], of an angle."""
-_OF_COUNTED_ZONES = {"models", "mirrored", "facing_deg", "roll_deg", "pitch_deg", "yaw_deg"}
-"""Keys that differ between zones, whose LiDARs then have parameters of their own."""
-
-
-class ZoneSettings(PlaceSettings):
-    """Where a LiDAR may be mounted: a box, or a polygon with heights; metres, ego frame."""
-
-    lidars: Annotated[tuple[Count, Count], BeforeValidator(number_as_interval)] | None = Field(
-        None, description="number of LiDARs in it, or [min, max]; set it for all zones or for none"
-    )
-    models: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
-        None, description="allowed models of `search.models`, all by default; needs `lidars`"
-    )
-    mirrored: bool = Field(
-        False,
-        description="each of its LiDARs has a mirror image right of y = 0, and the two count as "
-        "one; needs `lidars`",
-    )
-    facing_deg: Degrees = Field(
-        0.0, description="heading that yaw_deg is relative to: 45 faces the front left"
-    )
-    roll_deg: Turn | None = Field(None, description="in place of search.roll_deg; with `lidars`")
-    pitch_deg: Turn | None = Field(None, description="in place of search.pitch_deg; with `lidars`")
-    yaw_deg: Turn | None = Field(
-        None, description="in place of search.yaw_deg, from facing_deg; with `lidars`"
-    )
-    price: Amount = Field(
-        0.0, description="price of a mount in this zone, in addition to its LiDAR"
-    )
-
-    @model_validator(mode="after")
-    def _possible(self) -> ZoneSettings:
-        if self.lidars is None:
-            if own := self.model_fields_set & _OF_COUNTED_ZONES:
-                raise InputError("needs `lidars` in the zone", key=min(own))
-        elif self.lidars[0] > self.lidars[1]:
-            raise InputError(key="lidars", expected="a number, or [min, max] with min <= max")
-        if self.mirrored and any(y < 0 for _, y in self.zone("any").polygon):
-            raise InputError("define only the part left of y = 0", key="mirrored")
-        return self
-
-
-class ModelSettings(SensorSettings):
-    """A LiDAR model that may be chosen."""
-
-    price: Amount = Field(0.0, description="in any currency")
-    power: Amount | None = Field(None, description="watts; those of the catalogue if null")
-
-    @property
-    def watts(self) -> float:
-        """Its power; NaN where neither the configuration nor the catalogue has it."""
-        told = datasheet(self.name).power_w if self.power is None and self.name else self.power
-        return math.nan if told is None else told
-
-
-class FixedSettings(MountSettings):
-    """A LiDAR with a fixed mount; metres and radians as in `placements`."""
-
-    model: Name | None = Field(None, description="name in `models`; the first one by default")
-
-
 FAMILIES = 16
-"""Trials of few numbers with which a search by a generalist begins."""
-DEFAULT_METRIC = headline_metric("all")
-"""What `objective: generalist` is short for, by a generalist: it distinguishes rigs best."""
-GENERALIST, PRETRAINED = "generalist", "pretrained"
-"""What stands before a metric that one detector for all rigs measures: generalist.recall."""
-TOTALS = ("price", "power")
-"""What LiDARs add up to: bounds and objectives."""
-OF_RIG = (*TOTALS, "margin")
-"""Objectives that need no traffic."""
-_SURROGATES = SURROGATES.where(
-    lambda own: own.beside is None and (own.decides is not None or not own.of_objects)
-)
-
-
-class ObjectiveSettings(Settings):
-    """What the search optimises; `expected_ig.Car` is short for one class."""
-
-    by: Annotated[str, OneOf((_SURROGATES, RANKING), OF_RIG)] = Field(
-        description="a surrogate of the POG or of objects, a measured value, the price, the power, "
-        "or the margin: the smallest ratio of found to needed over all requirements"
-    )
-    evaluator: Literal["generalist", "pretrained"] | None = Field(
-        None,
-        description="who measures a measured value: "
-        "generalist: one detector, trained on many rigs of the space, evaluates a trial in "
-        "seconds; "
-        "generalist.recall is short for it, and generalist for that; pretrained: the generalist of "
-        "the package, or of training.checkpoint, without a training; pretrained.recall likewise",
-    )
-    weights: dict[ClassName, Annotated[Factor, Field(gt=0)]] | None = Field(
-        None, description="class -> weight in the sum; by default all classes, each once"
-    )
-    also: tuple[Text, ...] = Field(
-        (),
-        description="further measured values, such as [recall] or [recall.Pedestrian]: the "
-        "objective is the mean of all; generalist.AP_R40_3D_mean.Car and recall is short for it",
-    )
-    direction: Direction | None = Field(
-        None, description="maximize, but minimize for residual_entropy, price and power"
-    )
-
-    @field_validator("by")
-    @classmethod
-    def _varies(cls, by: str) -> str:
-        if by in SURROGATES and SURROGATES[by].fixed:
-            raise InputError("does not depend on the placement")
-        return by
-
-    @model_validator(mode="after")
-    def _has_classes(self) -> ObjectiveSettings:
-        of_classes = self.by in (*SURROGATES, *RANKING)
-        if self.weights is not None and not (of_classes and self.weights):
-            raise InputError(f"{self.by} has no classes", key="weights")
-        if self.judged and not self.measured:
-            problem = f"{self.by} is not measured by a detector"
-            raise InputError(problem, expected=", ".join(RANKING))
-        if self.also and not (self.measured and all(part.measured for part in self.parts)):
-            raise InputError("is for values that detectors measure, such as recall", key="also")
-        if len({part.best for part in self.parts}) > 1:
-            raise InputError("all values have to be large, or all small", key="also")
-        return self
-
-    @property
-    def name(self) -> str:
-        """Such as `expected_ig.Car`, or `expected_ig` for a sum over classes."""
-        by = f"{self.evaluator}.{self.by}" if self.judged else str(self.by)
-        if self.weights is not None and len(self.weights) == 1:
-            by = f"{by}.{next(iter(self.weights))}"
-        return " and ".join((by, *self.also))
-
-    @cached_property
-    def parts(self) -> tuple[ObjectiveSettings, ...]:
-        """The values of which it is the mean: itself, then those of `also`."""
-        own = self.model_copy(update={"also": ()})
-        return own, *(ObjectiveSettings.model_validate(_objective(name)) for name in self.also)
-
-    @property
-    def best(self) -> Direction:
-        if self.of_traffic or self.measured:
-            return self.direction or best_of(self.by)
-        return self.direction or ("minimize" if self.by in TOTALS else "maximize")
-
-    def weights_of(self, classes: Iterable[str]) -> dict[str, float]:
-        """Weight by class in the sum, of those that have one."""
-        return dict(self.weights.items()) if self.weights else dict.fromkeys(classes, 1.0)
-
-    @property
-    def of_traffic(self) -> bool:
-        return not self.measured and self.by not in OF_RIG
-
-    @property
-    def measured(self) -> bool:
-        """Whether it is what detectors measure."""
-        return self.by in RANKING
-
-    @property
-    def judged(self) -> bool:
-        """Whether a generalist measures it."""
-        return self.evaluator is not None
-
-
-def _objective(value: Any) -> Any:
-    if not isinstance(value, str):
-        return value
-    how: dict[str, Any] = {}
-    if (evaluator := value.partition(".")[0]) in (GENERALIST, PRETRAINED):
-        how |= {"evaluator": evaluator}
-        value = value.partition(".")[2] or DEFAULT_METRIC
-    value, *also = (part.strip() for part in value.split(" and "))
-    module, colon, value = value.rpartition(":")
-    by, _, object_class = value.partition(".")
-    by = module + colon + by
-    how |= {"also": tuple(also)} if also else {}
-    return {"by": by} | how | ({"weights": {object_class: 1.0}} if object_class else {})
+"""Trials of families with which a search by a generalist begins."""
 
 
 def _several(value: Any) -> Any:
@@ -274,9 +92,8 @@ Tests = Annotated[tuple[dict[str, Any], ...], BeforeValidator(_several), Field(m
 class TrafficSettings(Settings):
     """Test traffic for a search by a generalist; verify uses that of the scene itself.
 
-    What the generalist is trained on stays as the scene has it. Whatever chooses a rig and whatever
-    judges it see different traffic: the best of hundreds is also the luckiest.
-    """
+    The training traffic of the generalist stays as the scene has it. Choice and evaluation of a rig
+    use different traffic: the best of hundreds is also the luckiest."""
 
     search: Tests = Field(
         default=({},),
@@ -292,7 +109,7 @@ class TrafficSettings(Settings):
 
 
 class SearchSettings(Settings):
-    """What may be mounted where, and how it is searched."""
+    """Space of a search, its objectives, constraints and sampler."""
 
     lidars: Annotated[tuple[Count, Count], BeforeValidator(number_as_interval)] = Field(
         (4, 4), description="number of LiDARs, or [min, max], in addition to `fixed` ones"
@@ -343,7 +160,7 @@ class SearchSettings(Settings):
         "rigs are infeasible",
     )
     objective: Annotated[
-        tuple[Annotated[ObjectiveSettings, BeforeValidator(_objective)], ...],
+        tuple[Annotated[ObjectiveSettings, BeforeValidator(as_objective)], ...],
         BeforeValidator(_several),
     ] = Field(
         (ObjectiveSettings(by=DEFAULT_METRIC, evaluator=GENERALIST),),
@@ -383,7 +200,7 @@ class SearchSettings(Settings):
     )
 
     def said_of(self, tests: Tests) -> str:
-        """What the values of a generalist are over so many kinds of traffic; "" of a single one."""
+        """Describe the traffic over which values are combined; "" for a single kind."""
         traffic = [f"{len(tests)} kinds of traffic"] if len(tests) > 1 else []
         vehicles = [f"{self.vehicles} vehicles of a rig"] if self.vehicles is not None else []
         kinds = " with ".join(traffic + vehicles)
@@ -400,7 +217,7 @@ class SearchSettings(Settings):
         measured = [objective for objective in self.objective if objective.measured]
         if measured and any(o.of_traffic for o in self.objective):
             raise InputError("measured values and surrogates cannot be combined", key="objective")
-        for name in (o.name for o in measured if not o.judged):
+        for name in (o.name for o in measured if not o.uses_generalist):
             expected = f"generalist.{name} or pretrained.{name}"
             raise InputError(key="objective", expected=expected, found=name)
         if measured:
@@ -426,38 +243,40 @@ class SearchSettings(Settings):
             if fixed.lidar is not None:
                 raise InputError("lidar: define it in `models`, and set `model` here", key="fixed")
             if fixed.model is not None and fixed.model not in self.models:
-                known = f"one of {', '.join(self.models) or 'models'}"
-                raise InputError(f"unknown model {fixed.model!r}", key="fixed", expected=known)
+                models = f"one of {', '.join(self.models) or 'models'}"
+                raise InputError(f"unknown model {fixed.model!r}", key="fixed", expected=models)
         self._check_sampler()
         return self
 
     @property
     def first_families(self) -> int:
-        default = FAMILIES if self.objective[0].judged else 0
+        """Number of first trials from families."""
+        default = FAMILIES if self.objective[0].uses_generalist else 0
         return default if self.families is None else self.families
 
     @property
     def further_settings(self) -> tuple[CameraSettings | RadarSettings, ...]:
+        """Settings of cameras and radars."""
         return (*self.cameras, *self.radars)
 
     def further(self) -> tuple[MountedSensor, ...]:
-        """The same. Raises ValueError as `further_sensors` does."""
-        mounts = [Mount(*own.pose) for own in self.further_settings]
+        """Return cameras and radars. Raises ValueError as `further_sensors` does."""
+        mounts = [Mount(*settings.pose) for settings in self.further_settings]
         return further_sensors(self.cameras, self.radars, mounts)
 
     @property
     def counted(self) -> bool:
-        """Whether zones say how many LiDARs they have."""
+        """Whether zones define how many LiDARs they have."""
         return any(zone.lidars is not None for zone in self.zones.values())
 
     @property
     def most_lidars(self) -> int:
-        """How many a rig has at most, those that are fixed and mirror images with them."""
-        own = [(2 if z.mirrored else 1) * z.lidars[1] for z in self.zones.values() if z.lidars]
-        return (sum(own) if self.counted else self.lidars[1]) + len(self.fixed)
+        """Most LiDARs of a rig, with fixed ones and mirror images."""
+        lidars = [(2 if z.mirrored else 1) * z.lidars[1] for z in self.zones.values() if z.lidars]
+        return (sum(lidars) if self.counted else self.lidars[1]) + len(self.fixed)
 
     def _check_zones(self) -> None:
-        """Zones that count their LiDARs: all or none, and then nothing else counts them."""
+        """Check zones that count their LiDARs: all or none, and then nothing else counts them."""
         without = [name for name, zone in self.zones.items() if zone.lidars is None]
         if self.counted:
             if without:
@@ -469,14 +288,16 @@ class SearchSettings(Settings):
             if not any(zone.lidars and zone.lidars[1] for zone in self.zones.values()):
                 raise InputError("no zone allows a LiDAR", key="zones")
         mountable(self.zones, vehicle_of(self.vehicle))
-        known = ", ".join(self.models) or "one of search.models, which has none"
+        models = ", ".join(self.models) or "one of search.models, which has none"
         for name, zone in self.zones.items():
             for model in zone.models or ():
                 if model not in self.models:
                     key = f"zones.{name}.models"
-                    raise InputError(f"no model {model!r}", key=key, expected=known)
+                    raise InputError(f"no model {model!r}", key=key, expected=models)
         common = {"constraints": self.constraints.common_view}
-        common |= {f"requirements {own.name!r}": own.common_view for own in self.requirements}
+        common |= {
+            f"requirements {sensor.name!r}": sensor.common_view for sensor in self.requirements
+        }
         for where, view in common.items():
             if view is not None and not isinstance(view.pairs, str):
                 problem = "LiDARs of a search have no fixed numbers"
@@ -491,10 +312,10 @@ class SearchSettings(Settings):
             if not self.models:
                 problem = "define the LiDARs there, so that their power is known"
                 raise InputError(problem, key="models")
-            for own in self.further_settings:
-                if own.power is None:
-                    key = "cameras" if own in self.cameras else "radars"
-                    raise InputError(f"{own.name or key}: missing power", key=key, fix="set it")
+            for sensor in self.further_settings:
+                if sensor.power is None:
+                    key = "cameras" if sensor in self.cameras else "radars"
+                    raise InputError(f"{sensor.name or key}: missing power", key=key, fix="set it")
         if any(o.by == "margin" for o in self.objective) and not self.requirements:
             raise InputError("margin needs search.requirements", key="objective")
 
@@ -504,17 +325,17 @@ class SearchSettings(Settings):
         if len(self.objective) > 1:
             problem, fix = "cmaes supports one objective", "use nsga2, nsga3, tpe or gp"
             raise InputError(problem, key="sampler", fix=fix)
-        own = self.constraints.model_dump().items()
-        limits = [k for k, v in own if v is not None and (k, v) != ("distance", 0)]
+        constraints = self.constraints.model_dump().items()
+        limits = [k for k, v in constraints if v is not None and (k, v) != ("distance", 0)]
         # A generalist does not evaluate what breaks a constraint, and CMA-ES draws another.
-        if limits and not self.objective[0].judged:
+        if limits and not self.objective[0].uses_generalist:
             problem = f"cmaes ignores constraints ({', '.join(limits)})"
             fix = "use tpe, gp, nsga2 or nsga3, or remove them (constraints.distance: 0)"
             raise InputError(problem, key="sampler", fix=fix)
 
 
 class RobustnessSettings(Settings):
-    """How much the winner depends on the conditions of the search."""
+    """Conditions under which the winner is assessed again."""
 
     draws: CountFromOne = Field(32, description="number of rigs with mounting errors")
     offset: Distance = Field(0.01, description="largest offset of a mount, metres, each axis")

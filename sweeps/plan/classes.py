@@ -10,7 +10,7 @@ from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.boxes import CLASSES
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import reading
-from sweeps.configuration.sweep import ClassSettings
+from sweeps.configuration.point import ClassSettings
 from training.typical_objects import TypicalObject, typical_objects
 
 

@@ -18,7 +18,7 @@ from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import reading
 from sweeps.configuration.grid import GridPoint
-from sweeps.configuration.sweep import Point
+from sweeps.configuration.point import Point
 from sweeps.plan.planning import Planning
 from sweeps.plan.trial import CloudTask
 from sweeps.stages.collect import CollectStage, RecordedCloudsStage

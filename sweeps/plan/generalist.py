@@ -3,7 +3,7 @@
 from lidarplace import Placement
 from lidarplace.base.errors import InputError, at
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
-from sweeps.configuration.sweep import Point
+from sweeps.configuration.point import Point
 from sweeps.plan.clouds import TrialClouds
 from sweeps.plan.planning import Planning
 from sweeps.plan.specialist import evaluated_by, finetuned_from, training_stage

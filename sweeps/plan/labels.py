@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from sweeps.configuration.grid import GridPoint, Sweep
-from sweeps.configuration.sweep import Point
+from sweeps.configuration.point import Point
 
 _IDENTITY = ("placement", "detector", "seed")
 

@@ -15,7 +15,7 @@ from lidarplace.files.regular import regular
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
 from lidarplace.rigs.placement import Placement
 from sweeps.configuration.file import reading
-from sweeps.configuration.sweep import Point
+from sweeps.configuration.point import Point
 from training import NETWORKS, build_detector, network_of
 from training.settings import PRETRAINED
 from training.typical_objects import TypicalObject, from_plain

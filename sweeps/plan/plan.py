@@ -11,7 +11,7 @@ from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.evaluator import EvaluatorCommand
 from sweeps.configuration.file import ConfigError, reading
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
-from sweeps.configuration.sweep import ClassSettings, Point
+from sweeps.configuration.point import ClassSettings, Point
 from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
 from sweeps.plan.clouds import TrialClouds
 from sweeps.plan.command import plan_command

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ParamSpec, TypeVar, cast
 
 from sweeps.configuration.grid import GridPoint, Sweep
@@ -58,7 +59,7 @@ class Planning:
         """Note what the user is to know."""
         self.cautions.update(dict.fromkeys(sentences))
 
-    @property
+    @cached_property
     def placements(self) -> list[str]:
         """Names of the placements, in the order of the grid."""
         return list(dict.fromkeys(point.point.placement for point in self.sweep.points))

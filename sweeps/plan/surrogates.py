@@ -14,7 +14,7 @@ from lidarplace.mounting.errors import fleet
 from lidarplace.pog.surrogates.table import ASKED_OF_POG, OBJECT_SURROGATES, POG_SURROGATES
 from lidarplace.requirements.layout import RequirementLayout
 from sweeps.configuration.grid import GridPoint
-from sweeps.configuration.question import check_asked, laid_out
+from sweeps.configuration.requirements_file import check_rig_fits, lay_out_requirements
 from sweeps.plan import named_files
 from sweeps.plan.clouds import as_collected
 from sweeps.plan.planning import Planning
@@ -92,7 +92,7 @@ def _lay_out(
     if not requirements:
         return ()
     known_curves = planning.once(named_files.curves_of, curves, ())
-    return laid_out(requirements, vehicle_of(vehicle), known_curves)
+    return lay_out_requirements(requirements, vehicle_of(vehicle), known_curves)
 
 
 def plan_requirements(planning: Planning, grid_point: GridPoint) -> Task[RequirementsStage] | None:
@@ -104,7 +104,7 @@ def plan_requirements(planning: Planning, grid_point: GridPoint) -> Task[Require
     with at(key="requirements"):
         settings = common.placements.get(grid_point.point.placement)
         further = () if settings is None else settings.further()
-        check_asked(grid_point.rig, vehicle, common.requirements, further)
+        check_rig_fits(grid_point.rig, vehicle, common.requirements, further)
     requirements = tuple(item.requirement for item in layout)
     stage = RequirementsStage(grid_point.rig, vehicle, requirements, further)
     return planning.add_for(grid_point, stage)
@@ -161,19 +161,20 @@ STUDIES: tuple[Study, ...] = (plan_accuracy, plan_sampling_error)
 def _is_studied(planning: Planning, grid_point: GridPoint) -> bool:
     """Whether the placement is among those studied; with rungs, whatever is promoted is."""
     most = grid_point.point.surrogate.studied_placements
-    chosen = spread(planning.placements, most)
-    return grid_point.point.placement in chosen or bool(planning.sweep.common.promote)
+    studied = planning.once(_studied_placements, planning, most)
+    return grid_point.point.placement in studied or bool(planning.sweep.common.promote)
+
+
+def _studied_placements(planning: Planning, most: int) -> set[str]:
+    """Select at most `most` placements, evenly from the first to the last."""
+    names = planning.placements
+    places = np.linspace(0, len(names) - 1, min(most, len(names)), dtype=int)
+    return {names[place] for place in places}
 
 
 def _studied_surrogates(grid_point: GridPoint) -> tuple[str, ...]:
     named = (name for name in grid_point.point.surrogate.names if name in POG_SURROGATES)
     return tuple(dict.fromkeys((*ASKED_OF_POG.own, *named)))
-
-
-def spread(names: Sequence[str], most: int) -> set[str]:
-    """Select at most `most` of `names`, evenly from the first to the last."""
-    places = np.linspace(0, len(names) - 1, min(most, len(names)), dtype=int)
-    return {names[place] for place in places}
 
 
 def _resolutions(roi: Roi) -> tuple[float, ...]:

@@ -9,13 +9,13 @@ import yaml
 
 from lidarplace.configuration.correction import read_correction
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.rig_files.own import DIGITS, as_written
+from lidarplace.rig_files.mounts_yaml import DIGITS, as_written
 from lidarplace.rigs.catalogue.datasheet import datasheet
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.grid import Sweep
-from sweeps.configuration.sweep import Point
+from sweeps.configuration.point import Point
 from tracking.figures.kit.vehicle_lines import name_of
 from tracking.pages.html_page import SECTIONS_ALONE, write_page
 from tracking.pages.section import Section

@@ -111,20 +111,12 @@ class FinetuneStage(Network[TrainedDetector]):
         generalist: Mapping[str, Tensor] | None,
         training_run: TrainingRun,
     ) -> TrainedDetector:
-        from training.finetune import StartingWeights, finetune
+        from training.finetune import TrainingContext, finetune
 
-        result = finetune(
-            self.detector,
-            classes,
-            clouds,
-            objects,
-            self.training,
-            seed=self.seed,
-            point_range=self.point_range,
-            start=StartingWeights(digest=self.checkpoint, generalist=generalist),
-            typical=self.typical,
-            **training_run,
-        )
+        network = (self.point_range, self.typical, self.checkpoint, generalist)
+        context = TrainingContext(*network, **training_run)
+        data = (clouds, objects, self.training)
+        result = finetune(self.detector, classes, *data, self.seed, context)
         return TrainedDetector(
             state_dict=result.state_dict,
             curve=result.curve,

@@ -46,11 +46,11 @@ LINES = {
     ),
     "calibrate --log": right(
         "calibrate --log log --rig a=found.parquet --geometry a=rig.yaml --layout parquet",
-        stops_at="sweeps.evaluation.asked.read_detections",
+        stops_at="sweeps.evaluation.request.read_detections",
     ),
     "evaluate": right(
         "evaluate log found.parquet --layout parquet --class Car --split test --counted visible",
-        stops_at="sweeps.evaluation.asked.read_detections",
+        stops_at="sweeps.evaluation.request.read_detections",
     ),
     "failures": right(
         "failures run --rigs center,line --where seed=1 --out out",

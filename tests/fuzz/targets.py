@@ -122,7 +122,7 @@ def _correction(world: Path) -> object:
 
 def _network(world: Path) -> object:
     """The plan of a sweep whose network is in its folder, as a new process reads it."""
-    from lidarplace.base.code_version import code_version
+    from lidarplace.base.code_version import forget_versions
     from lidarplace.base.plugin_folders import PLUGINS
     from sweeps.plan.plan import read_plan
     from training import NETWORKS
@@ -130,8 +130,8 @@ def _network(world: Path) -> object:
 
     for known in (PLUGINS, NETWORKS._added, PLUG_INS._added):
         known.clear()
-    for cached in (code_version, importlib.invalidate_caches):
-        getattr(cached, "cache_clear", cached)()
+    forget_versions()
+    importlib.invalidate_caches()
     sys.modules.pop("fuzz_net", None)
     return read_plan(world / "own.yaml", [])
 

@@ -5,12 +5,12 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from argoverse_layout import LEVEL, Box, Log, write_argoverse
 from scipy.spatial.transform import Rotation
 
 from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, POSE_COLUMNS, check_boxes
 from lidarplace.scenes.datasets.argoverse import read_argoverse
 from lidarplace.scenes.datasets.class_maps import ARGOVERSE, IGNORE
+from tests.lidarplace.argoverse_layout import LEVEL, Box, Log, write_argoverse
 
 AHEAD, HEIGHT = 1.425, 0.33  # half the wheelbase of a Ford Fusion; its rear axle above the ground
 START = 315_968_867_659_956_000

@@ -18,8 +18,6 @@ from tests.refused import refused
 
 pytest.importorskip("carla")
 
-from carla_world import Server, cast
-
 from lidarplace.plugins.carla.command import Collection, app
 from lidarplace.plugins.carla.drive import object_class, starts
 from lidarplace.plugins.carla.lidars import ego_points, mount_transform
@@ -28,6 +26,7 @@ from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.rig_files.carla import attributes, even_fans
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount
+from tests.lidarplace.carla_world import Server, cast
 
 
 def test_command_without_a_server(tmp_path):

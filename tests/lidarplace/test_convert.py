@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from argoverse_layout import LEVEL, Log, write_argoverse
-from argoverse_layout import Box as ArgoverseBox
-from nuscenes_layout import Box, Sample, Scene, write_nuscenes
 from typer.testing import CliRunner
 
 from lidarplace.clouds.clouds import read_clouds
 from lidarplace.commands.convert import app
 from lidarplace.logs.box_log import read_box_log
+from tests.lidarplace.argoverse_layout import LEVEL, Log, write_argoverse
+from tests.lidarplace.argoverse_layout import Box as ArgoverseBox
+from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
 
 CATEGORIES = ["vehicle.car", "movable_object.barrier", "vehicle.bus.rigid"]
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-from kitti_reader import read_frame
 from typer.testing import CliRunner
 
 from lidarplace.clouds.collect import collect
@@ -13,6 +12,7 @@ from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY
 from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from lidarplace.scenes.kitti.read import read_kitti
+from tests.lidarplace.kitti_reader import read_frame
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import sys
 import numba
 import pytest
 
-from lidarplace.base.code_version import code_version
+from lidarplace.base.code_version import forget_versions
 from lidarplace.base.kernel_cache import njit
 
 FILES = {
@@ -58,7 +58,7 @@ def run(tmp_path, monkeypatch):
             (package / f"{name}.py").write_text(source, encoding="utf-8")
         for name in [name for name in sys.modules if name.partition(".")[0] == "toy"]:
             del sys.modules[name]
-        code_version.cache_clear()
+        forget_versions()
         outer = importlib.import_module("toy.outer").outer
         return outer(3.0), sum(outer.stats.cache_hits.values())
 

@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kitti_reader import read_frame
 
 from lidarplace.clouds.clouds import PointClouds
 from lidarplace.scenes.kitti.labels import NEAR_M, in_image, label_lines, to_labels
 from lidarplace.scenes.kitti.write import NOTHING, black_png, write_kitti
+from tests.lidarplace.kitti_reader import read_frame
 from tests.refused import refused
 
 CROP = (-50.0, -50.0, -0.5, 50.0, 50.0, 5.0)

@@ -5,13 +5,13 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from nuscenes_layout import Box, Sample, Scene, write_nuscenes
 from scipy.spatial.transform import Rotation
 
 from lidarplace.logs.box_log import read_box_log, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, POSE_COLUMNS, check_boxes
 from lidarplace.scenes.datasets.class_maps import IGNORE, NUSCENES, named_class_map
 from lidarplace.scenes.datasets.nuscenes import ORIGIN, read_nuscenes
+from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
 
 AHEAD = 1.294  # half the wheelbase of a Renault Zoe
 START = 1_532_402_927_647_951

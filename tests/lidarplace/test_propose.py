@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-from company_table import Manner, mapping_of, traffic, write_in_manner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -11,6 +10,7 @@ from typer.testing import CliRunner
 from lidarplace.commands.convert import app
 from lidarplace.configuration.yaml import parse_yaml
 from lidarplace.scenes.label_tables.propose import guess_columns, propose_mapping
+from tests.lidarplace.company_table import Manner, mapping_of, traffic, write_in_manner
 
 
 @settings(max_examples=15)

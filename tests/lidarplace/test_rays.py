@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from single_rays import voxels_of_rays
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.coverage import rays
 from lidarplace.coverage.rays import covered_by_rays, log_miss, ray_counts, ray_weight, thinned
+from tests.lidarplace.single_rays import voxels_of_rays
 from tests.refused import refused
 
 ROI = Roi(x=(0.0, 3.0), y=(-1.5, 1.5), z=(0.0, 2.0), resolution=0.25)

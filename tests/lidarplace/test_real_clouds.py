@@ -74,6 +74,8 @@ def test_a_long_scene_is_kept_in_parts(tmp_path, monkeypatch):
     log = log_of()
     clouds = write(tmp_path / "in", on_sides(log))
     write(tmp_path / "in", on_sides(log).iloc[:3], "0004.parquet")
+    (tmp_path / "in" / ".trash").mkdir()
+    (tmp_path / "in" / ".trash" / "4.parquet").touch()  # hidden folders are not searched
     _, number = count_real_points(log, *clouds, tmp_path / "kept")
     assert number == 2
     kept = recorded_clouds(tmp_path / "kept", np.array([4, 3]), (-50, -50, -5, 50, 50, 5))

@@ -7,9 +7,10 @@ from unittest.mock import patch
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from lidarplace.base.code_version import code_version
+from lidarplace.base.code_version import code_version, forget_versions
 from lidarplace.base.plugin_folders import PLUGINS
 from lidarplace.base.registry import OneOf, PluginError, Registry, _entry_points
+from lidarplace.scenes.kinds import KINDS
 from sweeps.execution.ray_cluster import _cluster_environment, _plug_ins, _python_path
 from sweeps.stages.evaluate import MeasureStage
 from sweeps.stages.recall import RecallStage
@@ -19,13 +20,12 @@ from sweeps.stages.recall import RecallStage
 def site(tmp_path, monkeypatch):
     """A folder on the path, in which `install` puts distributions of one module."""
     monkeypatch.syspath_prepend(tmp_path)
-    caches = (_entry_points, code_version)
-    for kept in caches:
-        kept.cache_clear()
+    _entry_points.cache_clear()
+    forget_versions()
     with patch.dict(PLUGINS, clear=True):
         yield tmp_path
-    for kept in caches:
-        kept.cache_clear()
+    _entry_points.cache_clear()
+    forget_versions()
     for name in [name for name in sys.modules if name.startswith("plug_")]:
         del sys.modules[name]
 
@@ -71,6 +71,13 @@ def test_a_broken_plug_in_harms_no_other(site, caplog):
     assert error.value.found == "int"
 
 
+def test_a_kind_of_scenes_needs_a_class_of_settings(site):
+    text = "from lidarplace.scenes.kinds import SceneKind\none = SceneKind({}, list)\n"
+    install(site, "plug_a", [], text)
+    with pytest.raises(PluginError, match="plug_a:one"):
+        KINDS["plug_a:one"]
+
+
 def test_a_name_that_two_provide(site, caplog):
     install(site, "plug_a", ["first = plug_a:one", "ours = plug_a:one"])
     install(site, "plug_b", ["first = plug_b:one"])
@@ -108,7 +115,7 @@ def test_settings_look_names_up_when_they_are_read(site):
 
 def test_keys_follow_the_code_of_a_plug_in(site):
     def keys():
-        code_version.cache_clear()
+        forget_versions()
         return code_version("lidarplace.base.errors"), code_version(
             "lidarplace.base.errors", "plug_a"
         )

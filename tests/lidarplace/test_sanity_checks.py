@@ -4,8 +4,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
-from company_table import traffic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,11 +15,9 @@ from lidarplace.scenes.sanity_checks.boxes import (
     implausible_surroundings,
     implausible_units,
 )
-from lidarplace.scenes.sanity_checks.motion import (
-    implausible_motion,
-    implausible_poses,
-    steps_across,
-)
+from lidarplace.scenes.sanity_checks.copies import copied_test_frames
+from lidarplace.scenes.sanity_checks.motion import implausible_motion, implausible_poses
+from tests.lidarplace.company_table import traffic
 
 
 def with_yaw(log, yaw):
@@ -28,17 +26,6 @@ def with_yaw(log, yaw):
 
 def without_poses(log):
     return replace(log, frames=log.frames.drop(columns=list(POSE_COLUMNS)))
-
-
-@settings(max_examples=10)
-@given(seed=st.integers(0, 10_000), poses=st.booleans())
-def test_vehicles_that_move_along_their_yaw_have_no_sine(seed, poses):
-    """The writer moves them so in the world; the vehicle's own motion is known, or found again."""
-    log = traffic(seed, objects=9)
-    steps = steps_across(log if poses else without_poses(log))
-    assert len(steps.sine) > 50
-    # Without poses the vehicle's turn is taken to be small: 0.02 rad a frame, of three in a step.
-    assert np.median(steps.sine) < (1e-6 if poses else 0.15)
 
 
 @pytest.mark.parametrize("poses", [True, False])
@@ -59,17 +46,6 @@ def test_motion_shows_the_unit_of_yaw(poses, straight):
     if not straight:
         (value,) = implausible_motion(with_yaw(log, np.radians(yaw)))
         assert value.remedy == "units.angle: rad"
-
-
-def test_radians_of_the_world_taken_for_degrees():
-    log = traffic(5, objects=9)
-    ego = log.frames.set_index("frame")["ego_yaw"].loc[log.boxes["frame"]].to_numpy()
-    wrong = np.radians(log.boxes["yaw"] + ego) - ego
-    (value,) = implausible_motion(with_yaw(log, wrong))
-    assert value.remedy == "units.angle: rad"
-    # Few steps show nothing.
-    log = traffic(5, drives=1, frames=2)
-    assert list(implausible_motion(with_yaw(log, np.degrees(log.boxes["yaw"])))) == []
 
 
 @settings(max_examples=10)
@@ -95,6 +71,14 @@ def test_a_vehicle_drives_where_it_heads(seed, turn):
         (value,) = values
         assert value.rows.sum() == 21
         assert "21 of 24 frames (87.5%)" in value.where(shuffled.frames)
+
+
+def test_routes_in_which_nothing_moves_are_no_copies():
+    log = traffic()
+    first = log.boxes[log.boxes["frame"] == 0]
+    still = pd.concat([first.assign(frame=n) for n in log.frames["frame"]], ignore_index=True)
+    assert list(copied_test_frames(log, log)) == []
+    assert list(copied_test_frames(replace(log, boxes=still), replace(log, boxes=still))) == []
 
 
 def test_whole_numbers_are_degrees():

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from small_log import SMALL, write_sweep
 
 from tests.forked import GUARD_S, Forked
 from tests.mlflow_database import write_database
+from tests.sweeps.small_log import SMALL, write_sweep
 
 SWEEP = SMALL | {
     "training": {"epochs": 4, "batch_size": 1},

@@ -4,7 +4,6 @@ import itertools
 
 import pytest
 import yaml
-from search_files import train_log, write_search
 
 from lidarplace import ExpectedRecall, OccupancyGrid
 from sweeps.configuration.file import ConfigError
@@ -17,9 +16,10 @@ from sweeps.search.greedy.certificate import (
     why_none,
 )
 from sweeps.search.problem.assess import Traffic, assess
-from sweeps.search.problem.choice import Choice, ordered
 from sweeps.search.problem.problem import read_problem
-from sweeps.search.problem.space import Placed, rig_of
+from sweeps.search.problem.rig import MountedLidar, ordered
+from sweeps.search.problem.space import Assignment, rig_of
+from tests.sweeps.search_files import train_log, write_search
 
 COARSE = {"position_step": 0.6, "angle_step_deg": 10.0, "bound_seconds": 2.0, "refine": 0}
 
@@ -46,16 +46,16 @@ def traffic_of(problem):
     log, point = train_log(problem.file.scene.folder), problem.sweep().points[0].point
     of = (point.voxel_roi(), point.classes)
     grids = OccupancyGrid.by_class(log.boxes, *of, frames=len(log.frames))
-    asked = problem.question.needs_objects
-    return Traffic(grids, ExpectedRecall.from_log(log, *of) if asked else None)
+    needs_objects = problem.criteria.needs_objects
+    return Traffic(grids, ExpectedRecall.from_log(log, *of) if needs_objects else None)
 
 
 def all_candidates(problem):
     """Every mount of the grid, or mirrored pair, whatever it violates."""
-    found = {}
+    candidates = {}
     for slot, model, zone, mount in grid_points(problem):
-        found.setdefault(Placed(slot, Choice(model, zone.name, mount)).rig)
-    return list(found)
+        candidates.setdefault(Assignment(slot, MountedLidar(model, zone.name, mount)).rig)
+    return list(candidates)
 
 
 def best_of_all(problem, traffic):
@@ -68,9 +68,9 @@ def best_of_all(problem, traffic):
             lidars = [lidar for part in parts for lidar in part]
             if slots_of(ordered(lidars), problem) is None:
                 continue
-            found = assess(ordered([*fixed, *lidars]), problem.question, traffic)
-            if found.feasible:
-                best = max(best, found.values[problem.question.objectives[0].name])
+            assessment = assess(ordered([*fixed, *lidars]), problem.criteria, traffic)
+            if assessment.feasible:
+                best = max(best, assessment.values[problem.criteria.objectives[0].name])
     return best
 
 
@@ -117,15 +117,15 @@ def test_no_rig_of_the_grid_exceeds_the_bound(tmp_path, changes):
     assert best > 0
     assert certificate.bound >= best * (1 - 1e-12)
     assert certificate.by_gains >= certificate.bound
-    found = assess(certificate.rig, problem.question, traffic)
+    assessment = assess(certificate.rig, problem.criteria, traffic)
     if (placed := slots_of(certificate.rig, problem)) is not None:
         assert rig_of(placed, problem.space) == certificate.rig
-        assert found.feasible
+        assert assessment.feasible
         assert certificate.value <= best * (1 + 1e-12)
         share = 0.5 if problem.file.search.counted else 0.63  # of a partition matroid; of a number
         assert certificate.value >= share * best
-    name = problem.question.objectives[0].name
-    assert found.values[name] == pytest.approx(certificate.value, rel=1e-9)
+    name = problem.criteria.objectives[0].name
+    assert assessment.values[name] == pytest.approx(certificate.value, rel=1e-9)
 
 
 @pytest.mark.parametrize("symmetric", [False, True])
@@ -135,7 +135,7 @@ def test_refining_moves_lidars_to_better_places(tmp_path, symmetric):
     certificate = certify(problem, traffic)
     assert certificate.refined_value > certificate.value
     assert certificate.refined_from == "greedy"
-    found = assess(certificate.refined, problem.question, traffic)
+    found = assess(certificate.refined, problem.criteria, traffic)
     assert found.feasible
     assert found.values["expected_ig"] == pytest.approx(certificate.refined_value, rel=1e-9)
     (params,) = first_params(problem, certificate)
@@ -186,7 +186,7 @@ def test_only_rigs_that_keep_the_constraints_are_refined(tmp_path):
     traffic = traffic_of(problem)
     certificate = certify(problem, traffic)
     assert certificate.refined_from == "greedy"
-    assert assess(certificate.refined, problem.question, traffic).feasible
+    assert assess(certificate.refined, problem.criteria, traffic).feasible
 
 
 def test_models_that_a_stride_thins_unlike_have_no_bound(tmp_path):

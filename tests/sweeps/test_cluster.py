@@ -17,7 +17,6 @@ from pathlib import Path
 import pandas as pd
 import psutil
 import pytest
-from small_log import SMALL, write_sweep
 
 from lidarplace.base.code_version import PACKAGES
 from sweeps.configuration.sweep import RaySettings
@@ -30,6 +29,7 @@ from sweeps.execution.ray_cluster import (
     ray_session,
 )
 from tests.forked import GUARD_S, run_forked
+from tests.sweeps.small_log import SMALL, write_sweep
 
 ROOT = Path(__file__).parents[2]
 

@@ -215,7 +215,7 @@ def test_comments_figures_converters_and_the_command_line_leave_stages_as_they_a
 TRAINED = {"train", "evaluate", "command"}
 """Modules of stages that import networks."""
 CASES = [
-    ("lidarplace/coverage/cone_kernels.py", {"surrogates", "accuracy", "sampling_error"}),
+    ("lidarplace/coverage/cone_sines.py", {"surrogates", "accuracy", "sampling_error"}),
     ("lidarplace/clouds/returns.py", {"collect", *TRAINED}),
     ("training/ops/box_overlap.py", TRAINED),
     ("training/detectors/pointpillars.py", TRAINED),

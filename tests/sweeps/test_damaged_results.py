@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from small_log import SMALL, write_sweep
 
 from sweeps.commands import clean, record, run, status
 from sweeps.execution.interrupted import until_whole
 from sweeps.execution.worker import _load
 from sweeps.store.result_folder import DamagedResult, damaged
+from tests.sweeps.small_log import SMALL, write_sweep
 from tests.sweeps.toy import call, flip_bit
 
 FEW = SMALL | {"lidar": {"beams": 8, "azimuth_steps": 90}}

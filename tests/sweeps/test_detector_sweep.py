@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from small_log import write_sweep
 
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import execute
 from sweeps.plan.plan import make_plan
 from sweeps.store.local import Store
+from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import Loud
 from training import NETWORKS
 

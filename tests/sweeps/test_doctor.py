@@ -176,7 +176,7 @@ def test_what_is_in_the_way_of_a_run(monkeypatch, tmp_path, place, make, checked
     Path("grid.yaml").write_text("ray: debug\ngrid: {placement: [line]}\n")
     Path(place).parent.mkdir(exist_ok=True)
     make(Path(place))
-    found = doctor.look(doctor.asked_of(Path("grid.yaml")))
+    found = doctor.find_all(doctor.machine_needs(Path("grid.yaml")))
     names = ("disk: run folder", "disk: store", "MLflow")
     assert [f.check for f in found if f.check in names and f.state == "missing"] == checked
 
@@ -248,7 +248,7 @@ def test_one_failing_check_does_not_stop_the_others(monkeypatch):
 
     monkeypatch.setattr(checks, "memory", broken)
     monkeypatch.setattr(checks, "ray", lambda address: CheckResult("there"))
-    found = {finding.check: finding for finding in doctor.look(doctor.Asked())}
+    found = {finding.check: finding for finding in doctor.find_all(doctor.MachineNeeds())}
     assert found["memory"].state == "missing"
     assert found["memory"].found == "OSError: no such thing"
     assert "MLflow" in found
@@ -259,7 +259,7 @@ def test_exit_code_and_remedies(monkeypatch):
     weak = Finding("5 GB", "weak", "clean it", check="disk: output", needed_for="results")
     missing = Finding("none", "missing", "install 'it[all]'", check="SUMO", needed_for="traffic")
     shown = [good, weak]
-    monkeypatch.setattr(doctor, "look", lambda asked: shown)
+    monkeypatch.setattr(doctor, "find_all", lambda asked: shown)
     done = call(doctor.app)
     assert "disk: output: clean it" in done.output
     assert done.output.endswith("All that is needed is there.\n")
@@ -274,7 +274,7 @@ def test_overrides(monkeypatch, tmp_path):
     config = tmp_path / "grid.yaml"
     config.write_text("grid: {placement: [line]}\n")
     asked = []
-    monkeypatch.setattr(doctor, "look", lambda found: asked.append(found) or [])
+    monkeypatch.setattr(doctor, "find_all", lambda found: asked.append(found) or [])
 
     def called(*overrides):
         call(doctor.app, config, *overrides)

@@ -11,10 +11,10 @@ from collections import Counter
 
 import pandas as pd
 import pytest
-from killing import Sweep, descendants, differences, kill_once, wait_for_end
 
 from sweeps.store.lock import locked
 from tests.forked import GUARD_S
+from tests.sweeps.killing import Sweep, descendants, differences, kill_once, wait_for_end
 
 LONG_KILLS = 21
 RAYS = ("--set", "lidar={beams: 8, azimuth_steps: 90}")

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.violations import violations
-from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.rig import MountedLidar
 from tests.sweeps.search_files import SEARCH, write_search
 
 COMMON = {
@@ -44,7 +44,7 @@ def both(tmp_path_factory):
     zones = {"any": {"x": [-4, 4], "y": [-2, 2], "z": [0.5, 3], "standoff": None}}
     problem = read_problem(write_search(folder, search=COMMON | {"zones": zones}))
     (folder / "studio.yaml").write_text(yaml.safe_dump(COMMON | {"lidar": SEARCH["lidar"]}))
-    return problem.question, read_rigs(folder / "studio.yaml")
+    return problem.criteria, read_rigs(folder / "studio.yaml")
 
 
 @given(
@@ -52,14 +52,14 @@ def both(tmp_path_factory):
 )
 @settings(max_examples=60, deadline=None)
 def test_search_and_studio_agree(both, mounts):
-    question, file = both
+    criteria, file = both
     rig = Rig.of_written("mine", {"mounts": mounts})
     in_studio = {}
     for violation in violations(rig, file):
         excess = in_studio.get(violation.limit, 0.0)
         in_studio[violation.limit] = max(excess, violation.excess)
-    limits = [limit for limit in question.constraints if limit.name != "blind_lidars"]
-    choices = tuple(Choice("lidar", "any", mount) for mount in rig.mounts)
-    measures = measures_of(choices, limits, question.carrier)
+    limits = [limit for limit in criteria.constraints if limit.name != "blind_lidars"]
+    choices = tuple(MountedLidar("lidar", "any", mount) for mount in rig.mounts)
+    measures = measures_of(choices, limits, criteria.carrier)
     in_search = {limit.name: limit.violation(measures[limit.name]) for limit in limits}
     assert {name: excess for name, excess in in_search.items() if excess > 0} == in_studio

@@ -5,7 +5,6 @@ import tracemalloc
 import numpy as np
 import pandas as pd
 import pytest
-from small_log import write_sweep
 
 from lidarplace import OccupancyGrid, Roi
 from lidarplace.logs.box_log import BoxLog
@@ -18,6 +17,7 @@ from sweeps.results.pictures import uncovered
 from sweeps.stages.pog import PogStage
 from tests.refused import refused
 from tests.sweeps.search_files import write_search
+from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import call
 
 

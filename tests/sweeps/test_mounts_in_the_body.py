@@ -5,8 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from search_files import write_search
-from small_log import write_sweep
 
 from lidarplace import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.clouds.own_body import check_mounts
@@ -16,11 +14,13 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.search.greedy.candidates import candidates_of
 from sweeps.search.problem.assess import Traffic, assess
-from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.rig import MountedLidar
 from sweeps.stages.task import plain
 from tests.refused import refused
+from tests.sweeps.search_files import write_search
+from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import call
 
 NOSE = {"x": 2.25, "z": 0.6}
@@ -130,18 +130,20 @@ def test_blind_lidars_of_a_search(tmp_path):
         return read_problem(path, [f"allow_blind_lidars={str(allow).lower()}"])
 
     def found(problem, *turns):
-        rig = [Choice("lidar", "roof", Mount(y=i, z=2.6, roll=t)) for i, t in enumerate(turns)]
-        return assess(tuple(rig), problem.question, Traffic({}, None))
+        rig = [
+            MountedLidar("lidar", "roof", Mount(y=i, z=2.6, roll=t)) for i, t in enumerate(turns)
+        ]
+        return assess(tuple(rig), problem.criteria, Traffic({}, None))
 
     searched = problem(objective="price", models={"lidar_1": "bpearl"})
     violations = [found(searched, *turns).violations for turns in ((0, 0), (0, 1.6), (1.6, -1.6))]
-    assert [own["blind_lidars"] for own in violations] == [2, 1, 0]
+    assert [item["blind_lidars"] for item in violations] == [2, 1, 0]
     assert [found(searched, 1.6, turn).feasible for turn in (0, 1.6)] == [False, True]
     roof = {"zones": {"roof": {"x": 0, "y": [-0.5, 0.5], "z": 2.6}}, "roll_deg": 0}
     assert candidates_of(problem(**roof)) == []
     assert candidates_of(problem(allow=True, **roof))
     fixed = {"fixed": [{"z": 2.6}]}
-    names = {own.name for own in problem(allow=True, **fixed).question.constraints}
+    names = {item.name for item in problem(allow=True, **fixed).criteria.constraints}
     assert "blind_lidars" not in names
     assert problem().key != problem(allow=True).key
 
@@ -150,14 +152,14 @@ def test_of_a_search(tmp_path):
     def problem(**search):
         return read_problem(write_search(tmp_path, search=search))
 
-    assert "body" not in {own.name for own in problem().question.constraints}
+    assert "body" not in {constraint.name for constraint in problem().criteria.constraints}
     into = {"front": {"x": [2.2, 2.6], "y": [-0.5, 0.5], "z": 0.5}}
     found = problem(zones=into, lidars=1, greedy={"position_step": 0.1})
-    (body,) = [own for own in found.question.constraints if own.name == "body"]
+    (body,) = [constraint for constraint in found.criteria.constraints if constraint.name == "body"]
 
     def violation(x):
-        rig = (Choice("lidar", "front", Mount(x=x, z=0.5)),)
-        return body.violation(measures_of(rig, [body], found.question.carrier)["body"])
+        rig = (MountedLidar("lidar", "front", Mount(x=x, z=0.5)),)
+        return body.violation(measures_of(rig, [body], found.criteria.carrier)["body"])
 
     assert violation(2.25) == pytest.approx(0.1)
     assert violation(2.35) == violation(2.6) == 0
@@ -169,10 +171,14 @@ def test_a_mirrored_zone_reaches_into_what_is_on_the_other_side(tmp_path):
     right = [[[-1.0, -1.5, 0.0], [1.0, -0.5, 2.0]]]
     zone = {"x": 0, "y": [0.8, 1.2], "z": [1.0, 1.5]}
     pairs = {"lidars": [0, 1], "mirrored": True}
-    for symmetric, own, reaches in ((False, {}, False), (True, {}, True), (False, pairs, True)):
-        search = {"vehicle": right, "zones": {"side": zone | own}, "symmetric": symmetric}
-        found = read_problem(write_search(tmp_path, search=search))
-        assert ("body" in {one.name for one in found.question.constraints}) == reaches
+    for symmetric, mirrored, reaches in (
+        (False, {}, False),
+        (True, {}, True),
+        (False, pairs, True),
+    ):
+        search = {"vehicle": right, "zones": {"side": zone | mirrored}, "symmetric": symmetric}
+        search_problem = read_problem(write_search(tmp_path, search=search))
+        assert ("body" in {one.name for one in search_problem.criteria.constraints}) == reaches
 
 
 def test_a_search_of_objects_has_its_vehicle(tmp_path):
@@ -183,7 +189,7 @@ def test_a_search_of_objects_has_its_vehicle(tmp_path):
     plain_car = read_problem(write_search(tmp_path, search=search | {"vehicle": None}))
     _, trial = plain_car.pog_tasks(plain_car.sweep())
     assert trial.recall.stage.vehicle is None
-    assert Vehicle.car().height == plain_car.question.carrier.vehicle.height
+    assert Vehicle.car().height == plain_car.criteria.carrier.vehicle.height
 
 
 def test_the_paper_s_rigs_are_above_the_car():

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
-from small_log import SMALL, write_sweep
 
 from sweeps.commands import clean, doctor, run, search, status
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.verification.verify import read_verification
+from tests.sweeps.small_log import SMALL, write_sweep
 from tests.sweeps.toy import call
 
 SECRET = "g3h3im"

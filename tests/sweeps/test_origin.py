@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 import yaml
-from small_log import TOWN
 from typer.testing import CliRunner
 
 from sweeps.command_line import app
 from sweeps.configuration.grid import read_sweep
 from sweeps.results.origin import check_origin, record_origin
 from tests.refused import refused
+from tests.sweeps.small_log import TOWN
 
 SWEEP = {"scene": TOWN, "ray": "debug", "detector": None, "grid": {"placement": ["line"]}}
 ROOT = Path(__file__).parents[2]

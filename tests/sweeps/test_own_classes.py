@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from four_classes import CLASSES, SIZES, write_four_classes
-from small_log import SMALL, write_sweep
 
 from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
 from lidarplace.pog.surrogates.table import ASKED_FOR
@@ -16,6 +14,8 @@ from sweeps.plan.plan import make_plan
 from tests.forked import run_forked
 from tests.mlflow_database import write_database
 from tests.refused import refused
+from tests.sweeps.four_classes import CLASSES, SIZES, write_four_classes
+from tests.sweeps.small_log import SMALL, write_sweep
 from training.checkpoints import write_checkpoint
 from training.typical_objects import typical_objects
 

@@ -5,12 +5,12 @@ import random
 
 import numpy as np
 import pytest
-from small_log import write_sweep
 
 from lidarplace.commands.convert import app
 from lidarplace.logs.box_log import read_box_log, read_rigs
 from sweeps.plan.plan import read_plan
 from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
+from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import call
 from tracking.published import place3d_detection, place3d_placements
 

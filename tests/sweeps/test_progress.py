@@ -181,9 +181,9 @@ def test_a_search_in_a_log(at_once, tmp_path):
         while now not in log.getvalue():
             assert log.grown.acquire(timeout=GUARD_S)
         progress.finished(training)
-        progress.told(8)  # a training is no measure of what is to come
+        progress.count_finished(8)  # a training is no measure of what is to come
         while "trials 8 of 20\n" not in log.getvalue():
             assert log.grown.acquire(timeout=GUARD_S)
-        progress.told(16)
+        progress.count_finished(16)
         while "trials 16 of 20; about 10 s left" not in log.getvalue():
             assert log.grown.acquire(timeout=GUARD_S)

@@ -6,8 +6,6 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from small_log import SMALL, write_sweep
-from written_tables import check_columns
 
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
@@ -21,7 +19,9 @@ from sweeps.stages.evaluate import EvaluateStage, EvaluationResult
 from sweeps.stages.surrogates import Scores, SurrogatesStage
 from sweeps.stages.train import FinetuneStage
 from sweeps.store.local import Store
+from tests.sweeps.small_log import SMALL, write_sweep
 from tests.sweeps.toy import Quiet, Toy, result
+from tests.sweeps.written_tables import check_columns
 from tracking.run_folders.sweep_tables import PROMOTIONS
 
 PLACEMENTS = ["line", "center", "square", "pyramid"]

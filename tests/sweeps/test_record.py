@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from small_log import TOWN
 
 from lidarplace import PAPER_PLACEMENTS, Lidar
 from lidarplace.clouds.clouds import write_clouds
@@ -19,6 +18,7 @@ from sweeps.commands.record import app
 from sweeps.stages.collect import CollectStage, RecordedCloudsStage
 from sweeps.stages.scene import SceneStage
 from tests.refused import refused
+from tests.sweeps.small_log import TOWN
 from tests.sweeps.toy import call
 
 CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from small_log import SMALL
 
 from lidarplace.clouds.clouds import PointClouds, read_clouds, write_clouds
 from lidarplace.clouds.recorded import recorded_clouds
@@ -19,6 +18,7 @@ from sweeps.results.rigs import lidar_models, rigs_yaml
 from sweeps.stages.collect import CollectStage, RecordedCloudsStage
 from tests.other_simulator import LIDAR, MOUNTS, RIG, write_log
 from tests.refused import refused
+from tests.sweeps.small_log import SMALL
 from tests.sweeps.toy import ran
 from tracking.report.sections.recorded_clouds import side_by_side
 from tracking.run_folders.sweep import RunFolder

@@ -15,7 +15,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from fsspec.registry import known_implementations
-from small_log import write_sweep
 
 from sweeps.configuration.grid import read_sweep
 from sweeps.stages.task import Task
@@ -25,6 +24,7 @@ from sweeps.store.open import open_store, reference, store_of
 from sweeps.store.remote import RemoteStore
 from sweeps.store.result_folder import DamagedResult, Ran, Record, _digest_of_content
 from tests.refused import refused
+from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import TrainingToy, flip_bit, keep_in, texts, write
 
 TASK = Task(TrainingToy(1), "a")

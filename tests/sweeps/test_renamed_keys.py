@@ -5,12 +5,12 @@ import json
 import pandas as pd
 import pytest
 import yaml
-from search_files import write_search
 
 from sweeps.configuration.file import check, read_named
 from sweeps.configuration.grid import read_sweep
 from sweeps.configuration.search import SearchFile
 from tests.refused import refused
+from tests.sweeps.search_files import write_search
 from tests.tracking.made_up_run import NAMES, write_run
 from tracking.findings.evidence import value_at
 from tracking.findings.groups import groups

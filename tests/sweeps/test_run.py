@@ -9,11 +9,11 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import yaml
-from small_log import TOWN
 
 from lidarplace.base.metrics import METRICS
 from tests.forked import run_forked
 from tests.mlflow_database import write_database
+from tests.sweeps.small_log import TOWN
 
 ROOT = Path(__file__).parents[2]
 TINY = {

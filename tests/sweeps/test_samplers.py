@@ -40,7 +40,7 @@ def test_categories_and_constraints(name):
 
 def test_cma_es_starts_near_the_best_of_what_is_given():
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    study = optuna.create_study(sampler=Repeatable("cmaes", seed=5, given=3))
+    study = optuna.create_study(sampler=Repeatable("cmaes", seed=5, enqueued=3))
     values = {0.1: 2.0, 0.8: 1.0, 0.5: 3.0}
     for x in values:
         study.enqueue_trial(dict.fromkeys(SPACE, x))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from search_files import ROOF, searched, write_search
 
 from lidarplace import Mount
 from lidarplace.configuration.placement import SweptPlacementSettings
@@ -16,11 +15,12 @@ from lidarplace.mounting.facing import facing_pairs
 from lidarplace.mounting.limits import ROUNDING
 from lidarplace.requirements.check_requirements import check_requirements
 from sweeps.search.output.terminal import rig_warnings, warnings_of
-from sweeps.search.problem.as_sweep import as_plain
 from sweeps.search.problem.assess import Traffic, assess
-from sweeps.search.problem.choice import Choice, placement_of
 from sweeps.search.problem.constraints import Constraint
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.rig import MountedLidar, placement_of
+from sweeps.search.problem.search_config import as_plain
+from tests.sweeps.search_files import ROOF, searched, write_search
 
 AROUND = {"name": "somebody around", "where": {"distance": [1, 3]}, "what": "Pedestrian"}
 AROUND |= {"at_least": {"points": 4}, "for": 0.9, "step": 1.0}
@@ -29,8 +29,8 @@ EASY = AROUND | {"at_least": {"points": 2}, "for": 0.7, "also_when": {}}
 LEFT = {"name": "the ground on the left", "where": {"x": [-1, 1], "y": [1.5, 3], "z": [0, 1]}}
 LEFT |= {"at_least": {"coverage": 0.3}, "step": 0.5}
 RIG = (
-    Choice("lidar", "roof", Mount(0.2, 0.5, 2.0, roll=-0.1)),
-    Choice("lidar", "roof", Mount(-0.2, -0.5, 2.0, roll=0.1)),
+    MountedLidar("lidar", "roof", Mount(0.2, 0.5, 2.0, roll=-0.1)),
+    MountedLidar("lidar", "roof", Mount(-0.2, -0.5, 2.0, roll=0.1)),
 )
 
 
@@ -49,24 +49,26 @@ def test_a_search_in_fog_has_lidars_in_fog(tmp_path):
     )
     assert dim.key != read_problem(clear).key
     problems = (dim, cases, read_problem(clear))
-    seen = [problem.question.carrier.judged(RIG)[0] for problem in problems]
-    assert seen[0].findings[0].value == seen[1].findings[1].value < seen[2].findings[0].value
-    assert seen[1].findings[1].case == "visibility 3 m"
+    seen = [problem.criteria.carrier.requirement_results(RIG)[0] for problem in problems]
+    assert seen[0].cases[0].value == seen[1].cases[1].value < seen[2].cases[0].value
+    assert seen[1].cases[1].case == "visibility 3 m"
 
 
 def test_a_requirement_is_a_constraint_and_its_margin_an_objective(tmp_path):
     bounded = problem_of(tmp_path, objective="price")
     margin = problem_of(tmp_path, objective=["margin", "price"])
-    carrier, rig = bounded.question.carrier, placement_of(RIG, bounded.models)
+    carrier, rig = bounded.criteria.carrier, placement_of(RIG, bounded.models)
     outcomes = check_requirements(carrier.requirements, rig, carrier.vehicle)
     seen = [outcome.worst.value for outcome in outcomes]
     assert min(seen) > 0
-    found = assess(RIG, bounded.question, Traffic({}, None))
-    assert found.violations["requirement.somebody around"] == pytest.approx(4 - seen[0])
-    assert found.violations["requirement.the ground on the left"] == pytest.approx(0.3 - seen[1])
-    free = assess(RIG, margin.question, Traffic({}, None))
+    assessment = assess(RIG, bounded.criteria, Traffic({}, None))
+    assert assessment.violations["requirement.somebody around"] == pytest.approx(4 - seen[0])
+    assert assessment.violations["requirement.the ground on the left"] == pytest.approx(
+        0.3 - seen[1]
+    )
+    free = assess(RIG, margin.criteria, Traffic({}, None))
     assert free.values["margin"] == pytest.approx(min(seen[0] / 4, seen[1] / 0.3))
-    assert free.violations == found.violations
+    assert free.violations == assessment.violations
 
 
 HIDDEN = {"name": "a child behind", "where": "un_r158", "at_least": {"points": 10}}
@@ -88,27 +90,31 @@ def test_a_requirement_that_no_rig_meets(tmp_path, objective):
     assert 0 < enough.max() < 1
     after = printed[printed.index("trials 6/6") :].splitlines()
     assert after[1] == first
-    said = html.unescape((folder.path / "search.html").read_text(encoding="utf-8"))
-    assert said.index(first) < said.index("Where the LiDARs sit")
-    assert "Feasible" not in said
+    page = html.unescape((folder.path / "search.html").read_text(encoding="utf-8"))
+    assert page.index(first) < page.index("Where the LiDARs sit")
+    assert "Feasible" not in page
     assert folder.search.best == ()
     assert folder.search.feasible == 0
     assert not any(rig.feasible for rig in folder.search.rigs.values())
-    assert not {"placement.yaml", "sweep.yaml"} & {own.name for own in folder.path.iterdir()}
+    assert not {"placement.yaml", "sweep.yaml"} & {file.name for file in folder.path.iterdir()}
 
 
 def test_positions_that_have_enough_break_ties_for_the_sampler(tmp_path):
     models = {"small": "vlp16"}
     problem = problem_of(tmp_path, requirements=[HIDDEN], objective="margin", models=models)
     places = [[Mount(x, y, 2.0) for y in (-0.5, 0.5)] for x in (-0.5, 0.0, 0.5)]
-    rigs = [tuple(Choice("small", "roof", mount) for mount in own) for own in places]
+    rigs = [
+        tuple(MountedLidar("small", "roof", mount) for mount in assessment) for assessment in places
+    ]
     name = "requirement.a child behind"
-    found = [assess(rig, problem.question, Traffic({}, None)) for rig in rigs]
-    assert {(own.violations[name], own.values["margin"]) for own in found} == {(10.0, 0.0)}
-    enough = [own.measures[f"enough.{name}"] for own in found]
-    told = [own.told[name] for own in found]
+    assessments = [assess(rig, problem.criteria, Traffic({}, None)) for rig in rigs]
+    assert {
+        (assessment.violations[name], assessment.values["margin"]) for assessment in assessments
+    } == {(10.0, 0.0)}
+    enough = [assessment.measures[f"enough.{name}"] for assessment in assessments]
+    violations = [assessment.sampler_violations[name] for assessment in assessments]
     assert len(set(enough)) == 3
-    assert np.argsort(told).tolist() == np.argsort(enough)[::-1].tolist()
+    assert np.argsort(violations).tolist() == np.argsort(enough)[::-1].tolist()
 
 
 @given(st.floats(0.01, 1000), st.floats(0, 1000), st.floats(0, 1), st.booleans())
@@ -117,9 +123,9 @@ def test_what_the_sampler_is_told_is_positive_where_a_constraint_is_broken(
 ):
     constraint = Constraint("any", "", limit, at_least)
     violation = constraint.violation(measure)
-    assert (constraint.told(violation, enough) <= 0) == (violation <= 0)
-    kept = measure >= limit if at_least else measure <= limit
-    assert kept or violation > 0 or abs(measure - limit) < ROUNDING
+    assert (constraint.sampler_violation(violation, enough) <= 0) == (violation <= 0)
+    is_kept = measure >= limit if at_least else measure <= limit
+    assert is_kept or violation > 0 or abs(measure - limit) < ROUNDING
     # What is at the limit but for rounding, as 0.6 - 0.4 is at 0.2, is at it.
     for off in (-ROUNDING / 2, ROUNDING / 2):
         assert constraint.violation(limit + off) == 0
@@ -135,11 +141,11 @@ def test_rigs_that_are_found_meet_all_requirements(tmp_path):
     feasible = folder.trials[folder.trials["feasible"]]
     assert 0 < len(feasible) < len(folder.trials)
     best = folder.search.rigs[folder.search.best[0]]
-    rig = tuple(Choice("lidar", "roof", mount) for mount in best.placed)
-    outcomes = problem.question.carrier.judged(rig)
+    rig = tuple(MountedLidar("lidar", "roof", mount) for mount in best.placed)
+    outcomes = problem.criteria.carrier.requirement_results(rig)
     assert all(outcome.met for outcome in outcomes)
     cases = folder.requirements[folder.requirements["rig"] == folder.search.best[0]]
-    assert cases["value"].tolist() == [f.value for own in outcomes for f in own.findings]
+    assert cases["value"].tolist() == [f.value for result in outcomes for f in result.cases]
     assert cases["met"].all()
     ground = folder.grounds.under(folder.search.best[0], LEFT["name"])
     assert np.nanmin(ground.least) == outcomes[1].least_of.min()
@@ -154,13 +160,13 @@ def test_the_power_of_a_rig_is_that_of_its_models(tmp_path):
     models = {"own": {"beams": 2, "power": 3.5}, "bought": "vlp16"}
     models["hot"] = {"name": "vlp16", "power": 9}
     limits = {"constraints": {"power": 15, "distance": 0}, "objective": "power"}
-    question = problem_of(tmp_path, models=models, **limits).question
+    criteria = problem_of(tmp_path, models=models, **limits).criteria
     for name, watts in {"own": 3.5, "bought": 8.0, "hot": 9.0}.items():
-        rig = tuple(Choice(name, "roof", choice.mount) for choice in RIG)
-        found = assess(rig, question, Traffic({}, None))
-        assert found.values == {"power": 2 * watts}
-        assert found.violations["power"] == 2 * watts - 15
-    assert question.objectives[0].best == "minimize"
+        rig = tuple(MountedLidar(name, "roof", choice.mount) for choice in RIG)
+        assessment = assess(rig, criteria, Traffic({}, None))
+        assert assessment.values == {"power": 2 * watts}
+        assert assessment.violations["power"] == 2 * watts - 15
+    assert criteria.objectives[0].best == "minimize"
 
 
 def test_zones_that_may_all_be_empty(tmp_path):
@@ -176,22 +182,24 @@ def test_pairs_of_lidars_as_constraints(tmp_path):
     """What calibration needs and what blinds, of a rig as of a placement by itself."""
     limits = {"common_view": {"pairs": "all", "share": 0.999}, "facing": 0}
     problem = problem_of(tmp_path, constraints=limits, requirements=[], objective="price")
-    carrier = problem.question.carrier
-    found = assess(RIG, problem.question, Traffic({}, None))
+    carrier = problem.criteria.carrier
+    assessment = assess(RIG, problem.criteria, Traffic({}, None))
     rig = placement_of(RIG, problem.models)
-    asked = CommonView("all", 0.999, 20.0)
-    (share,) = common_view(rig, carrier.vehicle, asked).values()
-    assert found.measures["common_view"] == share
-    assert found.violations["common_view"] == pytest.approx(0.999 - share)
-    assert found.violations["facing"] == len(facing_pairs(rig, carrier.vehicle)) == 1
-    level = tuple(replace(own, mount=replace(own.mount, roll=0.0)) for own in RIG)
-    assert assess(level, problem.question, Traffic({}, None)).measures["facing"] == 1
+    view = CommonView("all", 0.999, 20.0)
+    (share,) = common_view(rig, carrier.vehicle, view).values()
+    assert assessment.measures["common_view"] == share
+    assert assessment.violations["common_view"] == pytest.approx(0.999 - share)
+    assert assessment.violations["facing"] == len(facing_pairs(rig, carrier.vehicle)) == 1
+    level = tuple(replace(lidar, mount=replace(lidar.mount, roll=0.0)) for lidar in RIG)
+    assert assess(level, problem.criteria, Traffic({}, None)).measures["facing"] == 1
     apart = (level[0], replace(level[1], mount=replace(level[1].mount, z=2.5)))
-    keys = [problem_of(tmp_path, constraints=own).key for own in (limits, {}, {"facing": 0})]
+    keys = [problem_of(tmp_path, constraints=lidar).key for lidar in (limits, {}, {"facing": 0})]
     assert len(set(keys)) == 3
-    assert assess(apart, problem.question, Traffic({}, None)).violations["facing"] == 0
-    assert any("look into each other" in said for said in rig_warnings({"level": level}, problem))
-    assert not any("each other" in said for said in rig_warnings({"apart": apart}, problem))
+    assert assess(apart, problem.criteria, Traffic({}, None)).violations["facing"] == 0
+    assert any(
+        "look into each other" in warning for warning in rig_warnings({"level": level}, problem)
+    )
+    assert not any("each other" in warning for warning in rig_warnings({"apart": apart}, problem))
 
 
 def test_cameras_and_radars_that_every_rig_has(tmp_path):
@@ -205,18 +213,18 @@ def test_cameras_and_radars_that_every_rig_has(tmp_path):
     limits = {"constraints": {"price": 10, "common_view": {"pairs": "all", "share": 0.05}}}
     changes = {"requirements": [both], "objective": ["margin", "price"], **limits}
     with_them = problem_of(tmp_path, **changes, cameras=[camera], radars=[radar])
-    found = assess(RIG, with_them.question, Traffic({}, None))
-    alone = assess(RIG, problem_of(tmp_path, **changes).question, Traffic({}, None))
+    assessment = assess(RIG, with_them.criteria, Traffic({}, None))
+    alone = assess(RIG, problem_of(tmp_path, **changes).criteria, Traffic({}, None))
     name = "requirement.somebody around"
-    assert found.measures[name] > 0 == alone.measures[name]
-    assert found.values["price"] == alone.values["price"] + 9
-    own = {"small": {"name": "vlp16", "price": 4}}
-    priced = problem_of(tmp_path, **changes, models=own, zones={"roof": ROOF | {"price": 3}})
+    assert assessment.measures[name] > 0 == alone.measures[name]
+    assert assessment.values["price"] == alone.values["price"] + 9
+    models = {"small": {"name": "vlp16", "price": 4}}
+    priced = problem_of(tmp_path, **changes, models=models, zones={"roof": ROOF | {"price": 3}})
     rig = tuple(replace(lidar, model="small") for lidar in RIG)
-    assert priced.question.carrier.total_of("price", rig) == 2 * (4 + 3)
-    assert found.measures["common_view"] < alone.measures["common_view"]
-    assert any("make no clouds" in said for said in warnings_of(with_them))
+    assert priced.criteria.carrier.total_of("price", rig) == 2 * (4 + 3)
+    assert assessment.measures["common_view"] < alone.measures["common_view"]
+    assert any("make no clouds" in warning for warning in warnings_of(with_them))
     assert with_them.key != problem_of(tmp_path, **changes).key
     found_rig = as_plain(with_them.placement_settings(RIG))
     again = SweptPlacementSettings.model_validate(found_rig)
-    assert again.further() == with_them.question.carrier.further
+    assert again.further() == with_them.criteria.carrier.further

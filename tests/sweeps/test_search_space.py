@@ -12,9 +12,9 @@ from lidarplace import Lidar, Mount
 from lidarplace.mounting.zone import distance
 from lidarplace.rigs.pose import rotation
 from sweeps.configuration.search import SearchSettings
-from sweeps.search.problem.choice import Choice, is_possible, mirrored, ordered, rounded
 from sweeps.search.problem.families import family_params
-from sweeps.search.problem.space import Placed, Space, placed_in, rig_of
+from sweeps.search.problem.rig import MountedLidar, is_possible, mirrored, ordered, rounded
+from sweeps.search.problem.space import Assignment, Space, assign_to_slots, rig_of
 from tests.refused import refused
 
 SHAPE = [[-1, -0.6], [0.5, -0.6], [0.8, 0], [0.5, 0.6], [-1, 0.6]]
@@ -24,7 +24,7 @@ NOSE = {"x": [2.1, 2.3], "y": [-0.5, 0.5], "z": 0.6}
 
 def space_of(models=("lidar",), fixed=(), **changes) -> Space:
     values = {"zones": {"roof": ROOF}, "roll_deg": [-20, 20], "yaw_deg": [-90, 90]} | changes
-    values["zones"] = {name: {"standoff": None} | own for name, own in values["zones"].items()}
+    values["zones"] = {name: {"standoff": None} | zone for name, zone in values["zones"].items()}
     return Space(SearchSettings.model_validate(values), models, fixed)
 
 
@@ -42,11 +42,14 @@ def test_families_are_rigs_of_the_space(seed, number, symmetric):
     space = space_of(models=("a", "b"), symmetric=symmetric, **changes)
     models = dict.fromkeys(("a", "b"), Lidar.paper())
     params = family_params(space, models, 24, seed)
-    for own in params:
-        known = space.distributions(space.makeup(own))
-        assert own.keys() - space.counts.keys() == known.keys()
-        assert all(known[key]._contains(known[key].to_internal_repr(own[key])) for key in known)
-    sizes = [len(space.rig(own)) for own in params]
+    for parameters in params:
+        distributions = space.distributions(space.counts_per_zone(parameters))
+        assert parameters.keys() - space.count_ranges.keys() == distributions.keys()
+        assert all(
+            distributions[key]._contains(distributions[key].to_internal_repr(parameters[key]))
+            for key in distributions
+        )
+    sizes = [len(space.rig(parameters)) for parameters in params]
     assert set(sizes) == set(range(1, number + 1))
     assert family_params(space, models, 12, seed) == params[:12], "more continue fewer"
 
@@ -54,13 +57,13 @@ def test_families_are_rigs_of_the_space(seed, number, symmetric):
 def test_families_interleave_rings_and_roll_outwards():
     zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [2.0, 3.0]}
     space = space_of(zones={"roof": zone}, lidars=4, pitch_deg=[-9, 9])
-    rigs = [space.rig(own) for own in family_params(space, {"lidar": Lidar.paper()}, 64, 0)]
-    pitches = [sorted(math.degrees(own.mount.pitch) for own in rig) for rig in rigs]
+    rigs = [space.rig(lidar) for lidar in family_params(space, {"lidar": Lidar.paper()}, 64, 0)]
+    pitches = [sorted(math.degrees(lidar.mount.pitch) for lidar in rig) for rig in rigs]
     steps = np.diff(pitches)
     assert np.ptp(steps, axis=1).max() < 0.02, "the same step between all"
     assert {round(step, 2) for step in steps.mean(axis=1)} == {0.0, 0.25, 0.5, 1.0, 2.0}
     for rig in rigs:
-        sides = {np.sign(own.mount.y) * round(math.degrees(own.mount.roll)) for own in rig}
+        sides = {np.sign(lidar.mount.y) * round(math.degrees(lidar.mount.roll)) for lidar in rig}
         assert len(sides - {0.0}) <= 1, "left and right alike"
 
 
@@ -79,7 +82,7 @@ def test_all_values_of_parameters_are_rigs_in_the_zones(seed, number, symmetric)
         assert abs(mount.roll) <= math.radians(20) + 1e-4
         assert mount.pitch == 0
     if symmetric:
-        assert rig == ordered(Choice(own.model, own.zone, mirrored(own.mount)) for own in rig)
+        assert rig == ordered(MountedLidar(own.model, own.zone, mirrored(own.mount)) for own in rig)
     assert space.rig(params) == rig
 
 
@@ -96,7 +99,7 @@ def test_parameters_of_a_rig_give_it_back(seed, symmetric, number):
     if symmetric and (len(left) != number // 2 or len(centre) != number % 2):
         return  # a pair on the centre line
     slots = space.slots((number,))
-    placed = list(map(Placed, slots, [*left, *centre]))
+    placed = list(map(Assignment, slots, [*left, *centre]))
     again = space.rig(space.params(placed))
     for one, other in zip(again, rig, strict=True):
         assert (one.model, one.zone) == (other.model, other.zone)
@@ -111,11 +114,13 @@ def test_what_cannot_vary_is_no_parameter():
     assert space.distributions((1,)) == {}
     rig, params = random_rig(space, 0)
     assert params == {}
-    assert rig == (Choice("lidar", "point", Mount(0, 0.1, 2, roll=round(5 * math.pi / 180, 4))),)
+    assert rig == (
+        MountedLidar("lidar", "point", Mount(0, 0.1, 2, roll=round(5 * math.pi / 180, 4))),
+    )
 
 
 def test_rigs_that_differ_in_order_are_one():
-    a, b = Choice("m", "z", Mount(x=1, z=2)), Choice("m", "z", Mount(x=-1, z=2))
+    a, b = MountedLidar("m", "z", Mount(x=1, z=2)), MountedLidar("m", "z", Mount(x=-1, z=2))
     assert ordered([a, b]) == ordered([b, a])
     assert hash(ordered([a, b])) == hash(ordered([b, a]))
     assert str(mirrored(Mount(z=2))) == str(Mount(z=2)), "no negative zeros"
@@ -125,7 +130,7 @@ def test_rigs_that_differ_in_order_are_one():
 
 
 def test_the_number_of_lidars_is_a_parameter_and_fixed_ones_are_in_every_rig():
-    nose = Choice("lidar", "", Mount(x=2.3, z=0.6))
+    nose = MountedLidar("lidar", "", Mount(x=2.3, z=0.6))
     space = space_of(lidars=[2, 3], fixed=[nose])
     rigs = [random_rig(space, seed)[0] for seed in range(20)]
     assert {len(rig) for rig in rigs} == {3, 4}
@@ -162,19 +167,21 @@ def cornered(**changes) -> Space:
 def test_zones_have_their_own_numbers_models_and_angles(seed):
     space = cornered()
     rig, params = random_rig(space, seed)
-    by_zone = {name: [own for own in rig if own.zone == name] for name in CORNERS}
+    by_zone = {name: [lidar for lidar in rig if lidar.zone == name] for name in CORNERS}
     assert 1 <= len(by_zone["roof"]) <= 2
-    assert {own.model for own in by_zone["roof"]} == {"spinning"}
-    assert all(0 <= own.mount.pitch <= math.radians(5) + 1e-4 for own in by_zone["roof"])
-    right, left = sorted(by_zone["corner"], key=lambda own: own.mount.y)
+    assert {lidar.model for lidar in by_zone["roof"]} == {"spinning"}
+    assert all(0 <= lidar.mount.pitch <= math.radians(5) + 1e-4 for lidar in by_zone["roof"])
+    right, left = sorted(by_zone["corner"], key=lambda lidar: lidar.mount.y)
     assert left.model == right.model != "spinning"
     assert mirrored(left.mount) == right.mount
     off = math.remainder(left.mount.yaw - math.radians(135), math.tau)
     assert abs(off) <= math.radians(60) + 1e-4
-    assert all(abs(own.mount.yaw) == pytest.approx(math.pi, abs=1e-4) for own in by_zone["tail"])
+    assert all(
+        abs(lidar.mount.yaw) == pytest.approx(math.pi, abs=1e-4) for lidar in by_zone["tail"]
+    )
     assert space.numbers == (3, 5)
     assert space.rig(params) == rig
-    placed = placed_in(space, [Choice(own.model, "", own.mount) for own in rig])
+    placed = assign_to_slots(space, [MountedLidar(lidar.model, "", lidar.mount) for lidar in rig])
     assert rig_of(placed, space) == rig
     again = space.rig(space.params(placed))
     for one, other in zip(again, rig, strict=True):
@@ -186,10 +193,10 @@ def test_a_heading_is_the_same_after_a_full_turn():
     space = cornered()
     roof = Mount(0, 0.1, 2, pitch=0.05)
     corner = Mount(2.2, 0.8, 0.6, yaw=math.radians(190 - 360))
-    lidars = [Choice("", "", mount) for mount in (roof, corner, mirrored(corner))]
-    placed = placed_in(space, lidars)
+    lidars = [MountedLidar("", "", mount) for mount in (roof, corner, mirrored(corner))]
+    placed = assign_to_slots(space, lidars)
     assert [place.lidar.model for place in placed] == ["spinning", "flash"]
-    mounts = {own.mount for own in space.rig(space.params(placed)) if own.zone == "corner"}
+    mounts = {lidar.mount for lidar in space.rig(space.params(placed)) if lidar.zone == "corner"}
     assert {round(math.degrees(mount.yaw)) for mount in mounts} == {-170, 170}
 
 
@@ -203,8 +210,8 @@ def test_a_rig_that_the_zones_have_no_room_for_is_refused():
     space = cornered()
     level = [Mount(x, 0.1, 2) for x in (-0.3, 0.0, 0.3)]
     with refused("a LiDAR at"):
-        placed_in(space, [Choice("", "", mount) for mount in level])
+        assign_to_slots(space, [MountedLidar("", "", mount) for mount in level])
     with refused("more or fewer"):
-        placed_in(space, [Choice("", "", level[0])])
+        assign_to_slots(space, [MountedLidar("", "", level[0])])
     with refused("Value error, lidars: "):
         cornered(lidars=4)

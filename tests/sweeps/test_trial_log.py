@@ -5,7 +5,6 @@ from io import StringIO
 
 import pandas as pd
 import pytest
-from small_log import write_sweep
 
 from lidarplace.command_line.terminal import Terminal
 from sweeps.configuration.grid import read_sweep
@@ -14,6 +13,7 @@ from sweeps.mlflow.trials import TrialLog
 from sweeps.plan.plan import make_plan
 from sweeps.store.local import Store
 from sweeps.store.result_folder import Ran
+from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import result
 
 

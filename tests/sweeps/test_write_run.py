@@ -7,8 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from small_log import write_sweep
-from written_tables import check_columns
 
 from sweeps.commands.failures import app
 from sweeps.configuration.grid import read_sweep
@@ -20,7 +18,9 @@ from sweeps.stages.recall import RecallStage
 from sweeps.stages.requirements import RequirementsStage
 from sweeps.stages.surrogates import SurrogatesStage
 from sweeps.store.open import store_of
+from tests.sweeps.small_log import write_sweep
 from tests.sweeps.toy import call, ran
+from tests.sweeps.written_tables import check_columns
 from tracking.findings.failures import failures
 from tracking.findings.groups import groups
 from tracking.run_folders.sweep import RunFolder

@@ -2,9 +2,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from made_up_run import write_run
-from mlflow_runs_of import new_store
 
+from tests.tracking.made_up_run import write_run
+from tests.tracking.mlflow_runs_of import new_store
 from tracking.report.build import build_report
 from tracking.run_folders.sweep import RunFolder
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from made_up_run import write_run
+
+from tests.tracking.made_up_run import write_run
 
 EPOCHS = "training.epochs"
 SHORT, FULL = 2, 10

@@ -6,12 +6,12 @@ from dataclasses import astuple
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import report_of, write_run
-from result_tables import tables
-from test_report import Page
 
 from lidarplace import PAPER_PLACEMENTS
 from lidarplace.rigs.placement import Mount
+from tests.tracking.made_up_run import report_of, write_run
+from tests.tracking.result_tables import tables
+from tests.tracking.test_report import Page
 from tracking.findings.summary import seed_means
 from tracking.findings.surrogate_accuracy import rank_agreement, relative_errors, summarise
 from tracking.published import TABLES, published_detection, published_surrogates

@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from result_tables import tables
 from scipy import stats
 
+from tests.tracking.result_tables import tables
 from tracking.findings.best_surrogate import best_surrogates
 from tracking.findings.correlation import correlate, leave_one_out
 

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
-from test_jackknife import mean_without
 
+from tests.tracking.test_jackknife import mean_without
 from tracking.findings.summary import seed_means
 from tracking.statistics.bounded_mean import with_one_at_each_bound
 

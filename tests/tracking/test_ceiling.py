@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from result_tables import tables
 from scipy import stats
 
+from tests.tracking.result_tables import tables
 from tracking.findings.ceiling import ceiling, ceilings, with_ceilings
 from tracking.findings.correlation import correlate
 from tracking.statistics.reliability import Noise, reliability, seed_mean

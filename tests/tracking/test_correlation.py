@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from result_tables import tables
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
 from tests.refused import refused
+from tests.tracking.result_tables import tables
 from tracking.findings.correlation import correlate
 from tracking.findings.paired import with_sums
 from tracking.statistics.coefficients import COEFFICIENTS, permutation_p, scores

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 import requests
-from mlflow_runs_of import free_port, logged, new_store, trial, until
 from typer.testing import CliRunner
 
 from tests.forked import GUARD_S
+from tests.tracking.mlflow_runs_of import free_port, logged, new_store, trial, until
 from tracking.dashboard import app
 
 COLUMNS = ["metrics.AP_R40_3D.Car.0.70", "metrics.seconds"]

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import report_of, write_run
-from test_report import Page
 
 from lidarplace.rigs.placement import Mount
+from tests.tracking.made_up_run import report_of, write_run
+from tests.tracking.test_report import Page
 from tracking.figures.kit.rig_picture import PicturedRig
 from tracking.figures.kit.side_by_side import side_by_side
 from tracking.findings.best_placement import BestPlacement, best_placement

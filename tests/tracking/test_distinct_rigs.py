@@ -6,8 +6,8 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import report_of, write_run
 
+from tests.tracking.made_up_run import report_of, write_run
 from tracking.findings.groups import copies, without
 from tracking.run_folders.sweep import RunFolder
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import report_of, write_run
-from test_report import Page
 
 from sweeps.configuration.grid import read_sweep
+from tests.tracking.made_up_run import report_of, write_run
+from tests.tracking.test_report import Page
 from tracking.findings import evidence
 from tracking.findings.groups import groups
 from tracking.report.analysis import Analysis

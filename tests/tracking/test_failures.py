@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import report_of, write_run
 from scipy import stats
-from test_report import Page
 
 from lidarplace.base.sectors import SECTORS
 from tests.refused import refused
 from tests.tracking.made_up_objects import made_up_frames
+from tests.tracking.made_up_run import report_of, write_run
 from tests.tracking.test_drawn_vehicle import SURFACE
+from tests.tracking.test_report import Page
 from tracking.findings.failures import Failures, failures
 from tracking.findings.groups import groups
 from tracking.report.analysis import Analysis

@@ -6,9 +6,9 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import report_of, write_run
 from scipy import stats
 
+from tests.tracking.made_up_run import report_of, write_run
 from tracking.findings.ceiling import ceilings, with_ceilings
 from tracking.findings.correlation import correlate
 from tracking.findings.generalist import (

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import write_run
 
+from tests.tracking.made_up_run import write_run
 from tracking.findings.groups import groups
 from tracking.report.analysis import Analysis
 from tracking.report.cautions import cautions

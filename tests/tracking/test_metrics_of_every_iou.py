@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import report_of
 
 from lidarplace.base.metrics import EVERY_IOU, RANKING
-from sweeps.configuration.search import ObjectiveSettings
+from sweeps.configuration.objective import ObjectiveSettings
 from sweeps.configuration.sweep import Rung
 from sweeps.results.trial_results import headline_value
 from sweeps.search.trials.aggregate import weighted_value
+from tests.tracking.made_up_run import report_of
 from tracking.findings.summary import seed_means, summary_table
 from tracking.kitti_iou import at_headline_iou, at_headline_ious, headline_iou
 from tracking.mlflow.content import trial_metrics

@@ -6,9 +6,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from mlflow_runs_of import client, logged, logging, runs_of, trial, until
 
 import tracking
+from tests.tracking.mlflow_runs_of import client, logged, logging, runs_of, trial, until
 from tracking.mlflow.content import Dataset
 from tracking.mlflow.experiment_page import VIEW_TAG, source_tags
 

@@ -10,7 +10,9 @@ from threading import Event, Thread
 import numpy as np
 import pytest
 import requests
-from mlflow_runs_of import (
+
+from tests.refused import refused
+from tests.tracking.mlflow_runs_of import (
     CURVE,
     assert_logged_once,
     client,
@@ -21,8 +23,6 @@ from mlflow_runs_of import (
     trial_of,
     until,
 )
-
-from tests.refused import refused
 from tracking.mlflow import log as mlflow_log
 from tracking.mlflow.connection import is_away
 from tracking.mlflow.content import EndedTrial

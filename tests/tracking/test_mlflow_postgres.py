@@ -8,8 +8,15 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from mlflow_runs_of import assert_logged_once, free_port, logged, logging, trial_of, until
 
+from tests.tracking.mlflow_runs_of import (
+    assert_logged_once,
+    free_port,
+    logged,
+    logging,
+    trial_of,
+    until,
+)
 from tracking.mlflow.uri import absolute_uri
 
 PASSWORD = "s3c@ret"

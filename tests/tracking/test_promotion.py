@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_promotion import EPOCHS, FULL, SHORT, write_promotion
-from made_up_run import report_of
 
+from tests.tracking.made_up_promotion import EPOCHS, FULL, SHORT, write_promotion
+from tests.tracking.made_up_run import report_of
 from tracking.findings import promotion
 from tracking.report.analysis import Analysis
 from tracking.report.sections.promotion import promotion_section

@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import report_of, write_run
 from scipy import stats
 
+from tests.tracking.made_up_run import report_of, write_run
 from tracking.report.analysis import Analysis
 from tracking.report.sections.recorded_clouds import (
     rank_agreement,

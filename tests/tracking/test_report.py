@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import NAMES, report_of, write_run
 from typer.testing import CliRunner
 
+from tests.tracking.made_up_run import NAMES, report_of, write_run
 from tracking.labels import surrogate_name
 from tracking.report.analysis import Analysis
 from tracking.report.build import build_report

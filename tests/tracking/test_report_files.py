@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import NAMES
-from test_report import Page
 
+from tests.tracking.made_up_run import NAMES
+from tests.tracking.test_report import Page
 from tracking.figures.kit.style import figure
 from tracking.pages.html_page import SECTIONS_ALONE, write_csv_files, write_page
 from tracking.pages.section import Section, Table, figure_title, slug

@@ -4,8 +4,8 @@ import re
 from dataclasses import replace
 
 import pytest
-from made_up_run import NAMES, report_of, write_run
 
+from tests.tracking.made_up_run import NAMES, report_of, write_run
 from tracking.labels import points
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import report_of
 
 from lidarplace import PAPER_PLACEMENTS
 from lidarplace.mounting.outline import outline
@@ -17,6 +16,7 @@ from lidarplace.requirements.check_requirements import CaseResult, RequirementRe
 from lidarplace.requirements.requirement import Requirement
 from lidarplace.requirements.tables import Ground, case_table, worst_cases
 from tests.refused import refused
+from tests.tracking.made_up_run import report_of
 from tracking.findings.groups import met, worst_requirements
 from tracking.mlflow.content import requirement_metrics
 from tracking.pages.requirements import requirement_map

@@ -5,11 +5,11 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_run import NAMES, write_run
 from pandas.testing import assert_frame_equal
 
 from lidarplace.logs.boxes import CLASSES
 from tests.refused import refused
+from tests.tracking.made_up_run import NAMES, write_run
 from tracking.findings.summary import by_surrogate, deciding_surrogate, seed_means, summary_table
 from tracking.kitti_iou import headline_iou
 from tracking.run_folders.sweep import RunFolder

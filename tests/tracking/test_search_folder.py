@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_search import write_search
 
+from tests.tracking.made_up_search import write_search
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import SearchResult
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_search import BASE, STRIDED, write_search
-from test_report import Page
 from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS
+from tests.tracking.made_up_search import BASE, STRIDED, write_search
+from tests.tracking.test_report import Page
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.build import build_search_report
 from tracking.search_report.command import app

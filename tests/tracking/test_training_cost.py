@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pandas as pd
 import pytest
-from made_up_run import NAMES, report_of, write_run
 
+from tests.tracking.made_up_run import NAMES, report_of, write_run
 from tracking.findings.training_cost import (
     COST_AXES,
     is_longest,

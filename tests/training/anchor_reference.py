@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from openpcdet_reference import of_roi_head, points, weights, worst_error
 
+from tests.training.openpcdet_reference import of_roi_head, points, weights, worst_error
 from training import build_detector
 from training.detectors.heads.selection import select_boxes
 

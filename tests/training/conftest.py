@@ -20,7 +20,7 @@ def pytest_pyfunc_call(pyfuncitem):
     seed = pyfuncitem.funcargs.get("last_bits")
     if seed is None:
         return (yield)
-    from last_bits import LastBits  # imports torch
+    from tests.training.last_bits import LastBits  # imports torch
 
     with LastBits(seed):
         return (yield)

@@ -8,10 +8,10 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from openpcdet_reference import keys_and_shapes, reference
 from torch.nn.modules.batchnorm import _BatchNorm
 
 from tests.refused import refused
+from tests.training.openpcdet_reference import keys_and_shapes, reference
 from training import NETWORKS, build_detector
 from training.detect import fold_batch_norm
 from training.detectors.detector import Selection, fitted_range

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from synthetic_scenes import EMPTY, PLAIN, scenes
 
 from lidarplace.clouds.points_in_boxes import count_points
+from tests.training.synthetic_scenes import EMPTY, PLAIN, scenes
 from training.augment import Augmentation, moved, within_range
 from training.dataset import Sample, TrainingFrames
 from training.ground_truth_sampling import ObjectDatabase

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from synthetic_scenes import CROP, packed
 
 from lidarplace.logs.boxes import GEOMETRY
+from tests.training.synthetic_scenes import CROP, packed
 from training import detect as module
 from training.detect import detect
 from training.detectors.detector import Detector, Selection

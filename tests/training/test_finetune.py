@@ -9,17 +9,17 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from synthetic_scenes import BOX_COLUMNS, PLAIN, packed, scenes
 
 from lidarplace.clouds.clouds import JoinedClouds
 from lidarplace.clouds.points_in_boxes import count_points
 from lidarplace.logs.boxes import GEOMETRY
 from tests.refused import refused
+from tests.training.synthetic_scenes import BOX_COLUMNS, PLAIN, packed, scenes
 from training import batch_size, build_detector
 from training.batch_size import batch_size_for
 from training.dataset import TrainingFrames, as_tensors, occurring_classes, spread
 from training.detect import detect
-from training.finetune import StartingWeights, finetune
+from training.finetune import TrainingContext, finetune
 from training.optimisation import OneCycle, Optimisation
 from training.settings import TrainingSettings
 
@@ -65,7 +65,7 @@ def test_rigs_of_one_seed_are_trained_on_the_same_frames_moved_alike(monkeypatch
     monkeypatch.setattr("training.finetune.as_tensors", spy)
     for rig in (clouds, thinned):
         boxes.append([])
-        finetune(TINY, ["Car"], rig, truth, settings, 3, wide)
+        finetune(TINY, ["Car"], rig, truth, settings, 3, TrainingContext(wide))
     assert len(boxes[0]) == 8
     for one, other in zip(*boxes, strict=True):
         assert np.array_equal(one, other)
@@ -89,9 +89,9 @@ def test_frames_without_points_or_boxes_and_a_checkpoint(tmp_path):
     assert (first.weights, second.weights) == ("scratch", f"weights.pt sha256:{digest[:12]}")
     with refused(rf"^{path}: dense_head\.conv_cls\.weight, "):
         finetune(TINY, two, clouds, nothing, further, seed=1)
-    other = StartingWeights(digest="0" * 64)
+    other = TrainingContext(digest="0" * 64)
     with refused((str(path), "", "")):
-        finetune(TINY, ["Car"], clouds, nothing, further, seed=1, start=other)
+        finetune(TINY, ["Car"], clouds, nothing, further, seed=1, context=other)
     further = further.model_copy(update={"new_heads": True})
     third = finetune(TINY, two, clouds, nothing, further, seed=1)
     assert ", from scratch: dense_head.conv_cls.weight, dense_head.conv_cls.bias," in third.weights

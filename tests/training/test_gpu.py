@@ -10,16 +10,16 @@ from functools import cache
 import pandas as pd
 import pytest
 import torch
-from other_device import MEMORY, other_device
-from synthetic_scenes import scenes
-from test_overfit import LIKE_ANOTHER
 
+from tests.training.other_device import MEMORY, other_device
+from tests.training.synthetic_scenes import scenes
+from tests.training.test_overfit import LIKE_ANOTHER
 from training import NETWORKS, build_detector
 from training.batch_size import MEMORY_SHARE, batch_size_for, step_bytes
 from training.dataset import TrainingFrames, as_tensors
 from training.detect import detect
 from training.detectors.detector import Selection
-from training.finetune import finetune
+from training.finetune import TrainingContext, finetune
 from training.optimisation import Optimisation
 from training.settings import TrainingSettings
 
@@ -255,10 +255,13 @@ def test_a_training_moves_between_devices(detector, device, tmp_path, monkeypatc
     for first, then in ((device, CPU), (CPU, device)):
         folder = tmp_path / first.type
         run_on(first, monkeypatch)
+        stopped = TrainingContext(folder=folder, on_step=stop)
         with pytest.raises(InterruptedError):
-            finetune(detector, ["Car"], clouds, truth, settings, 0, folder=folder, on_step=stop)
+            finetune(detector, ["Car"], clouds, truth, settings, 0, stopped)
         run_on(then, monkeypatch)
-        result = finetune(detector, ["Car"], clouds, truth, settings, 0, folder=folder)
+        result = finetune(
+            detector, ["Car"], clouds, truth, settings, 0, TrainingContext(folder=folder)
+        )
         assert all(value.device == CPU for value in result.state_dict.values())
         curves = (item.curve.set_index(["epoch", "metric"])["value"] for item in (result, expected))
         found, wanted = (curve.drop("seconds", level="metric") for curve in curves)

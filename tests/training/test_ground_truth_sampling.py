@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from synthetic_scenes import BOX_COLUMNS, EMPTY, packed, scenes
 
 from lidarplace.clouds.points_in_boxes import count_points
+from tests.training.synthetic_scenes import BOX_COLUMNS, EMPTY, packed, scenes
 from training.dataset import TrainingFrames
 from training.ground_truth_sampling import ObjectDatabase
 from training.ops.rotated_iou import iou_bev

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from plain_curve import plain_curve
 
 from lidarplace.logs.boxes import GEOMETRY
 from tests.refused import refused
+from tests.training.plain_curve import plain_curve
 from training.average_precision import (
     COUNTS,
     IGNORED,

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 import torch
-from last_bits import LastBits
 
+from tests.training.last_bits import LastBits
 from training import build_detector
 from training.detectors.backbones.point_sampling import NEAR, sample_points
 from training.detectors.detector import Selection

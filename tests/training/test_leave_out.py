@@ -3,10 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
-from plain_curve import plain_curve
 
 from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU
 from lidarplace.logs.boxes import GEOMETRY
+from tests.training.plain_curve import plain_curve
 from training.average_precision import COUNTS
 from training.kitti_ap import evaluate_boxes, evaluation
 from training.leave_out import MOST_UNITS

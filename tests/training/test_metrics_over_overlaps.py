@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plain_curve import plain_curve
 
 from lidarplace.base import rings
 from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU
 from lidarplace.base.sectors import SECTORS, bounds_of, sector_of
 from lidarplace.logs.boxes import GEOMETRY
+from tests.training.plain_curve import plain_curve
 from training.average_precision import COUNTS, FramePairs, Roles, precision_curve
 from training.by_place import evaluate_by_distance, recall_by_sector
 from training.kitti_ap import evaluate_boxes, evaluation

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 import torch
-from other_device import MEMORY, other_device
 from torch import nn
 from torch.nn import functional
+
+from tests.training.other_device import MEMORY, other_device
 
 
 @pytest.fixture

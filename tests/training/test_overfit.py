@@ -1,8 +1,8 @@
 """Every tiny network learns four frames by heart."""
 
 import pytest
-from synthetic_scenes import PLAIN, scenes
 
+from tests.training.synthetic_scenes import PLAIN, scenes
 from training.detect import detect
 from training.finetune import finetune
 from training.kitti_ap import evaluate_boxes

@@ -25,6 +25,7 @@ from training.ops.interpolation import (
     three_nn,
 )
 from training.ops.sampling import _furthest_numba, _furthest_torch, furthest_point_sample
+from training.ops.voxel_query import OccupiedVoxels
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
 POINTS = torch.from_numpy(DATA["points"])
@@ -316,16 +317,15 @@ def test_three_nn_with_fewer_than_three_points():
 @pytest.mark.parametrize("search", VOXELS)
 def test_voxel_query_agrees_with_openpcdet(search):
     coordinates = torch.nn.functional.pad(of("voxel_zyx"), (1, 0))
-    idx, empty = search(
-        (4, 4, 4), 1.2, 16, torch.from_numpy(DATA["voxel_xyz"]), coordinates,
-        tuple(DATA["voxel_shape"].tolist()), torch.from_numpy(DATA["voxel_new_xyz"]),
-        of("voxel_new"),
-    )  # fmt: skip
+    shape = tuple(DATA["voxel_shape"].tolist())
+    voxels = OccupiedVoxels(torch.from_numpy(DATA["voxel_xyz"]), coordinates, shape)
+    new_xyz = torch.from_numpy(DATA["voxel_new_xyz"])
+    idx, empty = search((4, 4, 4), 1.2, 16, voxels, new_xyz, of("voxel_new"))
     assert torch.equal(idx, of("voxel_idx"))
     assert torch.equal(empty, torch.from_numpy(DATA["voxel_empty"]))
 
 
-voxels = st.lists(
+occupied_cells = st.lists(
     st.tuples(st.integers(0, 2), st.integers(0, 3), st.integers(0, 4), st.integers(0, 5)),
     max_size=60, unique=True,
 )  # fmt: skip
@@ -336,8 +336,13 @@ queries = st.lists(
 
 
 @settings(max_examples=60)
-@given(voxels, queries, st.tuples(*[st.integers(0, 2)] * 3), st.sampled_from([0.5, 1.0, 1.5, 9.0]),
-       st.integers(1, 9))  # fmt: skip
+@given(
+    occupied_cells,
+    queries,
+    st.tuples(*[st.integers(0, 2)] * 3),
+    st.sampled_from([0.5, 1.0, 1.5, 9.0]),
+    st.integers(1, 9),
+)
 def test_voxel_query_by_brute_force(occupied, new, reach, radius, samples):
     coordinates = torch.tensor(sorted(occupied), dtype=torch.int64).view(-1, 4)
     new = torch.tensor(new, dtype=torch.int64).view(-1, 4)
@@ -347,7 +352,8 @@ def test_voxel_query_by_brute_force(occupied, new, reach, radius, samples):
     allowed = (steps <= torch.tensor([0, *reach])).all(dim=2)
     allowed &= distances(new_xyz, xyz) <= radius**2
     for search in VOXELS:
-        found = search(reach, radius, samples, xyz, coordinates, (4, 5, 6), new_xyz, new)
+        voxels = OccupiedVoxels(xyz, coordinates, (4, 5, 6))
+        found = search(reach, radius, samples, voxels, new_xyz, new)
         assert_first_hits(found, allowed, samples)
 
 

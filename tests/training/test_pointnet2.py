@@ -2,9 +2,9 @@
 
 import pytest
 import torch
-from plain_layers import as_images
 from torch.nn import functional
 
+from tests.training.plain_layers import as_images
 from training.detectors.backbones.point_sampling import sample_points, within
 from training.detectors.backbones.pointnet2 import FeaturePropagation
 from training.detectors.backbones.set_abstraction import BallSettings, SetAbstraction

@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from anchor_reference import assert_head_is_openpcdets, assert_training_is_openpcdets
-from openpcdet_reference import points, reference, weights, worst_error
 
+from tests.training.anchor_reference import assert_head_is_openpcdets, assert_training_is_openpcdets
+from tests.training.openpcdet_reference import points, reference, weights, worst_error
 from training import build_detector
 from training.detectors.backbones.pillar_image import pillar_image
 from training.detectors.backbones.pillars import (

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 import torch
-from openpcdet_reference import of_roi_head, points, reference, weights, worst_error
-from synthetic_scenes import batch
 
+from tests.training.openpcdet_reference import of_roi_head, points, reference, weights, worst_error
+from tests.training.synthetic_scenes import batch
 from training import build_detector
 from training.detectors.heads.pointrcnn_head import ScoredPoints
 from training.detectors.heads.proposals import Proposals

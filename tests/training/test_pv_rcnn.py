@@ -14,15 +14,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from anchor_reference import (
+
+from tests.training.anchor_reference import (
     assert_first_stage_and_proposals_are_openpcdets,
     network_and_first_stage,
 )
-from openpcdet_reference import DATA as REFERENCES
-from openpcdet_reference import points, reference, worst_error
-from plain_layers import as_images, ball_features, waken
-from synthetic_scenes import batch
-
+from tests.training.openpcdet_reference import DATA as REFERENCES
+from tests.training.openpcdet_reference import points, reference, worst_error
+from tests.training.plain_layers import as_images, ball_features, waken
+from tests.training.synthetic_scenes import batch
 from training import build_detector
 from training.detectors.backbones.set_abstraction import BallSettings
 from training.detectors.backbones.voxel_set_abstraction import Keypoints

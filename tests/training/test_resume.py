@@ -2,11 +2,11 @@
 
 import pytest
 import torch
-from synthetic_scenes import scenes
 
 from tests.refused import refused
+from tests.training.synthetic_scenes import scenes
 from training.detectors.pointpillars import PointPillars
-from training.finetune import finetune
+from training.finetune import TrainingContext, finetune
 from training.settings import TrainingSettings
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -32,7 +32,8 @@ def train(data, folder=None, settings=SETTINGS, seed=3, stop=None):
         epochs.extend([int(done)] * done.is_integer())
 
     network = ("pointpillars_tiny", ["Pedestrian", "Car"])
-    return finetune(*network, *data, settings, seed, on_step=on_step, folder=folder), epochs
+    run = TrainingContext(folder=folder, on_step=on_step)
+    return finetune(*network, *data, settings, seed, run), epochs
 
 
 def losses(result):

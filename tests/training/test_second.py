@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 import torch
-from anchor_reference import (
+
+from tests.training.anchor_reference import (
     assert_first_stage_is_openpcdets,
     assert_head_is_openpcdets,
     assert_training_is_openpcdets,
 )
-from openpcdet_reference import points, reference, weights
-from synthetic_scenes import batch
-
+from tests.training.openpcdet_reference import points, reference, weights
+from tests.training.synthetic_scenes import batch
 from training import build_detector
 from training.detectors.backbones.voxels import VoxelGrid, voxelise
 

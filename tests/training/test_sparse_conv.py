@@ -4,13 +4,9 @@ import pytest
 import torch
 from torch.nn import functional
 
+from training.ops.grouping import counting_sort
 from training.ops.sparse_conv import SparseConv3d, SparseTensor, SubmanifoldConv3d
-from training.ops.sparse_rules import (
-    _by_row_numba,
-    _by_row_torch,
-    _neighbours_numba,
-    _neighbours_torch,
-)
+from training.ops.sparse_rules import _by_row_torch, _neighbours_numba, _neighbours_torch
 
 STRIDED = [
     ((3, 3, 3), (2, 2, 2), (1, 1, 1)),
@@ -102,7 +98,7 @@ def test_torch_finds_the_pairs_that_numba_finds(grid):
     assert_same(ours, _neighbours_torch(keys, steps))
     rows = torch.randint(len(x.coordinates), (300,))
     other = _by_row_torch(rows, len(x.coordinates))
-    assert_same(_by_row_numba(rows.numpy(), len(x.coordinates)), other)
+    assert_same(counting_sort(rows.numpy(), len(x.coordinates)), other)
 
 
 def assert_same(arrays, tensors):

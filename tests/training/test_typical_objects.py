@@ -8,11 +8,11 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic_scenes import packed
 
 from lidarplace.base.metrics import Overlaps
 from lidarplace.logs.boxes import GEOMETRY
 from tests.refused import refused
+from tests.training.synthetic_scenes import packed
 from training import NETWORKS, build_detector
 from training.checkpoints import load_checkpoint, read_checkpoint, write_checkpoint
 from training.finetune import finetune

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 import torch
-from anchor_reference import (
+
+from tests.training.anchor_reference import (
     assert_first_stage_and_proposals_are_openpcdets,
     network_and_first_stage,
 )
-from openpcdet_reference import of_roi_head, reference, worst_error
-from synthetic_scenes import assert_all_parameters_learn, batch
-
+from tests.training.openpcdet_reference import of_roi_head, reference, worst_error
+from tests.training.synthetic_scenes import assert_all_parameters_learn, batch
 from training import build_detector
 from training.detectors.heads.proposals import Proposals
 from training.detectors.heads.voxel_rcnn_head import NeighbourVoxelPool

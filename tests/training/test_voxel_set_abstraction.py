@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 import torch
-from plain_layers import ball_features, waken
 
+from tests.training.plain_layers import ball_features, waken
 from training.detectors.backbones.set_abstraction import BallSettings
 from training.detectors.backbones.voxel_set_abstraction import (
     SCALES,

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from training.detectors.detector import Detector, PointRange
 
 PLUG_INS: Registry[Any] = Registry("lidarplace.detectors", {})
-"""The functions `build` of other packages."""
+"""Functions `build` of other packages."""
 
 PRESETS = ("openpcdet", "paper", "tiny")
-"""As OpenPCDet configures it for KITTI, the paper's changes to it, and one for a CPU core."""
+"""Presets: OpenPCDet's for KITTI, the paper's changes to it, and one for a CPU core."""
 
 
 def build(
@@ -34,16 +34,16 @@ def build(
     point_range: PointRange | None = None,
     typical: Sequence[TypicalObject] = (),
 ) -> Detector:
-    """As `training.build_detector`, which says more of what is wrong with a name.
+    """Build a detector as `training.build_detector`, which names the detectors in its error.
 
     It does without the table of networks, so that a further one is no change to a training's code.
     """
     _check_classes(classes, typical)
-    network, own = network_and_preset(name)
+    network, named_preset = network_and_preset(name)
     plug_in = PLUG_INS.path(network) is not None and PLUG_INS[network]
     if not plug_in and find_spec(f"training.detectors.{network}") is None:
         raise InputError(f"unknown detector {name!r}")
-    allowed = PRESETS if own is None else (own,)
+    allowed = PRESETS if named_preset is None else (named_preset,)
     if preset not in (None, *allowed):
         wanted = " or ".join(allowed)
         raise InputError(place=name, key="preset", expected=wanted, found=repr(preset))
@@ -60,10 +60,10 @@ def build(
     settle_vector_math()
     make = plug_in or importlib.import_module(f"training.detectors.{network}").build
     with foreign_code(network) if plug_in else nullcontext():
-        model = make(classes, own or preset or "openpcdet", point_range, typical)
+        model = make(classes, named_preset or preset or "openpcdet", point_range, typical)
     if not isinstance(model, Detector):
-        expected, found = "a Detector, see training.detectors.detector", type(model).__name__
-        raise InputError("wrong type", place=network, expected=expected, found=found)
+        expected, kind = "a Detector, see training.detectors.detector", type(model).__name__
+        raise InputError("wrong type", place=network, expected=expected, found=kind)
     model.typical = tuple(item for item in typical if item.name in classes)
     return model
 
@@ -84,7 +84,7 @@ def _check_classes(classes: Sequence[str], typical: Sequence[TypicalObject]) -> 
 
 
 def network_and_preset(name: str) -> tuple[str, str | None]:
-    """The network that a detector is, and the preset that its name says."""
+    """Split the name of a detector into its network and preset, if it has one."""
     for preset in ("paper", "tiny"):
         if name.endswith(f"_{preset}") and name not in PLUG_INS:
             return name.removesuffix(f"_{preset}"), preset

@@ -1,4 +1,4 @@
-"""What a network returns is what `Detector` documents; one line for what is not."""
+"""Checks of what a network returns, as `Detector` documents it; one line for each fault."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -20,7 +20,7 @@ _COLUMNS = {"boxes": (7,), "scores": (), "labels": (), "refined": (7,)}
 
 
 def is_built_in(model: Detector) -> bool:
-    """Whether the class of the network is of this package."""
+    """Test if the class of the network is of this package."""
     return type(model).__module__.startswith("training.")
 
 
@@ -30,7 +30,7 @@ def guarded(model: Detector) -> AbstractContextManager[None]:
 
 
 def checked_losses(model: Detector, losses: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
-    """Losses of a batch. Raises InputError unless they are single numbers, "loss" with a gradient.
+    """Check the losses of a batch: single numbers, "loss" with a gradient. Raises InputError.
 
     A number that is not finite is `Optimisation.step`'s to report, which knows the frames.
     """
@@ -47,19 +47,19 @@ def checked_losses(model: Detector, losses: Mapping[str, Tensor]) -> Mapping[str
 
 
 def as_arrays(
-    model: Detector, found: Sequence[Mapping[str, Tensor]], frames: Sequence[int]
+    model: Detector, detections: Sequence[Mapping[str, Tensor]], frames: Sequence[int]
 ) -> list[dict[str, NDArray[Any]]]:
-    """The detections of `frames` as NumPy arrays.
+    """Convert the detections of `frames` to NumPy arrays.
 
     Raises:
         InputError: they are not what `Detector.predict` documents; names the network and the frame.
     """
     arrays = []
     with at(f"{_name(model)}.predict"):
-        if not isinstance(found, Sequence) or len(found) != len(frames):
+        if not isinstance(detections, Sequence) or len(detections) != len(frames):
             wanted = f"a list of {len(frames)} dicts, one per frame"
-            raise InputError(expected=wanted, found=_kind(found))
-        for number, item in zip(frames, found, strict=True):
+            raise InputError(expected=wanted, found=_kind(detections))
+        for number, item in zip(frames, detections, strict=True):
             with at(f"frame {number}"):
                 arrays.append(_frame_arrays(item, len(model.classes)))
     return arrays
@@ -81,8 +81,8 @@ def _frame_arrays(item: Mapping[str, Tensor], classes: int) -> dict[str, NDArray
         shape = tuple(value.shape) if isinstance(value, Tensor) else ()
         rows = shape[0] if columns and shape else len(arrays.get("boxes", ()))
         if shape != (rows, *columns):
-            expected, found = "(M, 7)" if columns else f"({rows},)", _kind(value)
-            raise InputError("wrong shape", key=name, expected=expected, found=found)
+            expected = "(M, 7)" if columns else f"({rows},)"
+            raise InputError("wrong shape", key=name, expected=expected, found=_kind(value))
         array = arrays[name] = value.detach().cpu().double().numpy()
         if name == "boxes" and (invalid := first_invalid(array)) is not None:
             row, column, allowed = invalid

@@ -1,4 +1,4 @@
-"""What every detector offers."""
+"""Interface of all detectors."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ PointRange = tuple[float, float, float, float, float, float]
 Rows = Sequence[Tensor]  # rows of every frame of a batch
 
 Build = Callable[[Sequence[str], str, PointRange | None, Sequence[TypicalObject]], "Detector"]
-"""A network of some classes, by the name of a preset, see `build_detector`."""
+"""Function that builds a network of some classes by the name of a preset, see `build_detector`."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Which boxes of a frame are its detections."""
+    """Rule by which boxes of a frame are its detections."""
 
     score: float = 0.1  # lowest score kept
     nms: float = 0.01  # largest IoU from above of two detections
@@ -34,15 +34,15 @@ class Selection:
 
 
 def fitted_range(
-    own: PointRange, sensor_height: float, wanted: PointRange | None, cell: Sequence[float] = ()
+    preset: PointRange, sensor_height: float, wanted: PointRange | None, cell: Sequence[float] = ()
 ) -> PointRange:
-    """The range of a network in its frame: its `own`, or what is `wanted` in the ego frame, metres.
+    """Range of a network in its frame: the preset's, or what is `wanted` in the ego frame, metres.
 
     A network whose frame is `sensor_height` above the ground, not 0, keeps its heights, to which
     its weights belong. Far ends move out to whole numbers of the coarsest cells, whose edges are
     `cell`, along x, y and, for voxels, z.
     """
-    low, high = list(own[:3]), list(own[3:])
+    low, high = list(preset[:3]), list(preset[3:])
     if wanted is not None:
         axes = 3 if sensor_height == 0 else 2
         low[:axes], high[:axes] = wanted[:axes], wanted[3 : 3 + axes]
@@ -86,29 +86,29 @@ class Detector(nn.Module, ABC):
 
     @property
     def device(self) -> torch.device:
-        """Where the weights are."""
+        """Device of the weights."""
         return self.global_step.device
 
     def objects(
         self, boxes: Sequence[Tensor], labels: Sequence[Tensor]
     ) -> tuple[list[Tensor], list[Tensor]]:
-        """The objects of a batch where the weights are.
+        """Move the objects of a batch to the device of the weights.
 
         Raises:
             ValueError: a label that is none of the network's. (A GPU would stop for good.)
         """
-        known = range(1, len(self.classes) + 1)
-        strange = {label for item in labels for label in item.tolist()} - set(known)
-        if strange:
+        unknown = {label for item in labels for label in item.tolist()}
+        unknown -= set(range(1, len(self.classes) + 1))
+        if unknown:
             wanted = f"1 to {len(self.classes)}"
-            raise InputError(key="labels", expected=wanted, found=sorted(strange))
+            raise InputError(key="labels", expected=wanted, found=sorted(unknown))
         return [item.to(self.device) for item in boxes], [item.to(self.device) for item in labels]
 
     @abstractmethod
     def loss(
         self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
     ) -> dict[str, Tensor]:
-        """Scalar losses of a batch of frames; "loss" is the one to minimise.
+        """Compute scalar losses of a batch of frames; "loss" is the one to minimise.
 
         Args:
             points: per frame (N, 4) float32: x, y, z, intensity.
@@ -123,7 +123,7 @@ class Detector(nn.Module, ABC):
     def predict(
         self, points: Sequence[Tensor], selection: Selection | None = None
     ) -> list[dict[str, Tensor]]:
-        """Boxes of every frame: "boxes" (M, 7), "scores" (M,), "labels" (M,), best score first.
+        """Predict "boxes" (M, 7), "scores" (M,) and "labels" (M,) of each frame, best score first.
 
         Two-stage detectors add "refined" (R, 7): all boxes of the second stage, before any is
         dropped; OpenPCDet's `recall_rcnn` is computed from them. Switches to evaluation mode.
@@ -136,7 +136,7 @@ class Detector(nn.Module, ABC):
 
 
 def builder(network: Callable[..., Detector], presets: Mapping[str, Any]) -> Build:
-    """The function `build` of a network's module: its presets with anchors of typical objects."""
+    """Make the function `build` of a network's module: presets with anchors of typical objects."""
     return lambda classes, preset, point_range, typical: network(
         classes, presets[preset].with_typical(typical), point_range
     )

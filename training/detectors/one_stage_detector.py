@@ -1,4 +1,4 @@
-"""What detectors share whose anchors are the detections."""
+"""Base of the detectors whose anchors are the detections."""
 
 from abc import abstractmethod
 from collections.abc import Sequence

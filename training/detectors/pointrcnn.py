@@ -121,7 +121,7 @@ class PointRCNN(Detector):
     def first_stage(self, frames: Sequence[Tensor]) -> tuple[ScoredPoints, PointOutput]:
         """Features and raw outputs of the points that are chosen from frames (N, 4)."""
         inside = (within(frame, self.point_range) for frame in frames)
-        chosen = [sample_points(own, self.points, self.training) for own in inside]
+        chosen = [sample_points(frame, self.points, self.training) for frame in inside]
         counts = torch.tensor([len(frame) for frame in chosen], device=self.device)
         points = torch.cat(chosen).to(self.point_head.sizes)
         xyz = points[:, :3].contiguous()
@@ -131,13 +131,13 @@ class PointRCNN(Detector):
         return ScoredPoints(xyz, counts, features, scores), output
 
     def propose(self, points: ScoredPoints, output: PointOutput) -> Proposals:
-        """The best boxes of the points of each frame."""
+        """Propose the best boxes of the points of each frame."""
         counts = points.counts.tolist()
         boxes = self.point_head.decode(output, points.xyz)
         return self.roi_head.propose(output.logits.split(counts), boxes.split(counts))
 
     def loss(self, points: Rows, boxes: Rows, labels: Rows) -> dict[str, Tensor]:
-        """ "loss" and its parts: point_cls, point_box, rcnn_cls, rcnn_reg, rcnn_corner."""
+        """Compute "loss" and its parts point_cls, point_box, rcnn_cls, rcnn_reg, rcnn_corner."""
         boxes, labels = self.objects(boxes, labels)
         scored, output = self.first_stage(points)
         boxes = [item.to(scored.xyz) for item in boxes]

@@ -12,8 +12,7 @@ from training.detectors.pointrcnn import PointRCNN, PointRCNNPreset
 
 def _scored_by_iou(preset: PointRCNNPreset) -> PointRCNNPreset:
     stage = preset.second_stage
-    own = stage.sampling
-    sampling = replace(own, score="roi_iou", cls_foreground=0.7, cls_background=0.25)
+    sampling = replace(stage.sampling, score="roi_iou", cls_foreground=0.7, cls_background=0.25)
     return replace(preset, second_stage=replace(stage, sampling=sampling))
 
 

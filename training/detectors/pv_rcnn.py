@@ -115,7 +115,7 @@ class PvRcnn(TwoStageVoxelDetector):
         return keypoints, self.point_head(keypoints.sources)
 
     def between_loss(self, seen: ScoredKeypoints, boxes: Rows, labels: Rows) -> dict[str, Tensor]:
-        """ "point_cls" of the keypoints."""
+        """Compute "point_cls" of the keypoints."""
         keypoints, logits = seen
         targets = point_targets(keypoints.xyz, keypoints.counts, boxes, labels)
         return {"point_cls": segmentation_loss(logits, targets.labels)}

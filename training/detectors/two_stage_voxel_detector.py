@@ -1,4 +1,4 @@
-"""What detectors share whose second stage starts from the proposals of a voxel network."""
+"""Base of the detectors whose second stage starts from the proposals of a voxel network."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ class TwoStageVoxelDetector(VoxelDetector):
         """Make `roi_head`, and what `between` needs."""
 
     def between(self, points: Sequence[Tensor], first: FirstStage) -> Any:
-        """What the second stage looks at: the first stage, unless a network makes more of it."""
+        """Prepare what the second stage pools: the first stage, unless overridden."""
         return first
 
     def between_loss(self, seen: Any, boxes: Rows, labels: Rows) -> dict[str, Tensor]:

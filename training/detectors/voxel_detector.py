@@ -1,4 +1,4 @@
-"""What detectors that start from voxels share: SECOND and its two-stage descendants."""
+"""Base of the detectors that start from voxels: SECOND and its two-stage descendants."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -66,8 +66,8 @@ class VoxelDetector(Detector):
         layers = encoded_height(nz)
         if layers < 1:
             least = next(cells for cells in count(1) if encoded_height(cells + 1) >= 1) * height
-            wanted, found = f"at least {least:g} m high", f"{fitted[5] - fitted[2]:g} m"
-            raise InputError(key="point_range", expected=wanted, found=found)
+            wanted, height_found = f"at least {least:g} m high", f"{fitted[5] - fitted[2]:g} m"
+            raise InputError(key="point_range", expected=wanted, found=height_found)
         anchors = [preset.anchors[name] for name in self.classes]
         stride = preset.image_stride
         places = anchor_grid(anchors, fitted, (nx // stride, ny // stride), preset.centred_anchors)

@@ -1,20 +1,22 @@
 """Ball query: neighbours within a radius."""
 
 from bisect import bisect_left
+from typing import NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inner, njit
 from training.ops import grouping
-from training.ops.grouping import first_hits, padded_with_first
+from training.ops.grouping import counting_sort, first_hits, padded_with_first
 
 
 def ball_query(
     radius: float, samples: int, xyz: Tensor, counts: Tensor, new_xyz: Tensor, new_counts: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """For each new point the first S points of its frame, in their order, closer than `radius`.
+    """Find the first S points of its frame, in their order, closer than `radius` to each new point.
 
     Points `xyz` (N, 3) and `new_xyz` (M, 3) are finite, frame after frame, `counts` and
     `new_counts` (B,) of them. Returns rows of `xyz`, (M, S) int64; the first repeats where there
@@ -24,40 +26,45 @@ def ball_query(
     return search(radius, samples, xyz.detach(), counts, new_xyz.detach(), new_counts)
 
 
-@njit(cache=True)
-def _query_kernel(radius, squared, xyz, start, stop, new_xyz, idx, empty):
-    """Search rows start … stop - 1 of `xyz` for the neighbours of `new_xyz`.
+class _Columns(NamedTuple):
+    """Points of a frame by the columns of a horizontal grid, nx columns a row."""
 
-    Points lie in the columns of a horizontal grid at least one radius wide. The rows of the nine
-    columns around a new point are merged in rising order, and the search ends with the last sample:
-    its cost depends little on the number of points.
-    """
-    count = stop - start
+    low: NDArray[np.float64]  # corner of the grid, x and y
+    width: float  # of a column, at least the radius
+    nx: int
+    ny: int
+    first: NDArray[np.int64]  # where the rows of each column begin, shape (nx * ny + 1,)
+    rows: NDArray[np.int64]  # rows of points, column after column, rising within each
+
+
+@inner
+def _columns(radius, xyz):
+    """Sort points into columns, a few for each point at most."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for i in range(start, stop):
+    for i in range(len(xyz)):
         for axis in range(2):
             low[axis] = min(low[axis], xyz[i, axis])
             high[axis] = max(high[axis], xyz[i, axis])
-    # A few columns for each point, at most.
-    most = int(2 * np.sqrt(count)) + 1
+    most = int(2 * np.sqrt(len(xyz))) + 1
     # Wider than the radius by more than rounding may lose.
     width = max(1.001 * radius, (high[0] - low[0]) / most, (high[1] - low[1]) / most)
     nx = int((high[0] - low[0]) / width) + 1
     ny = int((high[1] - low[1]) / width) + 1
-    column = np.empty(count, np.int64)
-    first = np.zeros(nx * ny + 1, np.int64)
-    for i in range(count):
-        ix = int((xyz[start + i, 0] - low[0]) / width)
-        iy = int((xyz[start + i, 1] - low[1]) / width)
-        column[i] = iy * nx + ix
-        first[column[i] + 1] += 1
-    first = np.cumsum(first)
-    rows = np.empty(count, np.int64)
-    place = first[:-1].copy()
-    for i in range(count):
-        rows[place[column[i]]] = start + i
-        place[column[i]] += 1
+    column = np.empty(len(xyz), np.int64)
+    for i in range(len(xyz)):
+        column[i] = int((xyz[i, 1] - low[1]) / width) * nx + int((xyz[i, 0] - low[0]) / width)
+    rows, first = counting_sort(column, nx * ny)
+    return _Columns(low, width, nx, ny, first, rows)
 
+
+@njit(cache=True)
+def _query_kernel(radius, squared, xyz, new_xyz, idx, empty):
+    """Search the points of a frame for the neighbours of `new_xyz`.
+
+    The rows of the nine columns around a new point are merged in rising order, and the search ends
+    with the last sample: its cost depends little on the number of points.
+    """
+    low, width, nx, ny, first, rows = _columns(radius, xyz)
     head, tail = np.empty(9, np.int64), np.empty(9, np.int64)
     for m in range(len(new_xyz)):
         # Clipped before they become integers: a new point may be anywhere.
@@ -71,8 +78,8 @@ def _query_kernel(radius, squared, xyz, start, stop, new_xyz, idx, empty):
                 if first[cell] < first[cell + 1]:
                     head[runs], tail[runs] = first[cell], first[cell + 1]
                     runs += 1
-        found = 0
-        while runs > 0 and found < idx.shape[1]:
+        hits = 0
+        while runs > 0 and hits < idx.shape[1]:
             run = 0
             for k in range(1, runs):
                 if rows[head[k]] < rows[head[run]]:
@@ -86,11 +93,11 @@ def _query_kernel(radius, squared, xyz, start, stop, new_xyz, idx, empty):
             dy = new_xyz[m, 1] - xyz[i, 1]
             dz = new_xyz[m, 2] - xyz[i, 2]
             if dx * dx + dy * dy + dz * dz < squared:
-                idx[m, found] = i
-                found += 1
-        empty[m] = found == 0
-        if found > 0:
-            idx[m, found:] = idx[m, 0]
+                idx[m, hits] = i
+                hits += 1
+        empty[m] = hits == 0
+        if hits > 0:
+            idx[m, hits:] = idx[m, 0]
 
 
 def _query_numba(radius, samples, xyz, counts, new_xyz, new_counts) -> tuple[Tensor, Tensor]:
@@ -101,16 +108,16 @@ def _query_numba(radius, samples, xyz, counts, new_xyz, new_counts) -> tuple[Ten
     squared = points.dtype.type(radius) * points.dtype.type(radius)
     start = new_start = 0
     for count, new_count in zip(counts.tolist(), new_counts.tolist(), strict=True):
-        stop, new_stop = start + count, new_start + new_count
+        frame, new = slice(start, start + count), slice(new_start, new_start + new_count)
         if count:
-            own = slice(new_start, new_stop)
-            _query_kernel(radius, squared, points, start, stop, centres[own], idx[own], empty[own])
-        start, new_start = stop, new_stop
+            _query_kernel(radius, squared, points[frame], centres[new], idx[new], empty[new])
+            idx[new] += np.where(empty[new, None], 0, start)
+        start, new_start = frame.stop, new.stop
     return torch.from_numpy(idx), torch.from_numpy(empty)
 
 
 def _query_torch(radius, samples, xyz, counts, new_xyz, new_counts) -> tuple[Tensor, Tensor]:
-    """New points of all frames in blocks, each against the points of its own frame.
+    """Search for new points of all frames in blocks, each among the points of its frame.
 
     The frames in a block are of similar size, so that padding at most doubles the work.
     """
@@ -125,13 +132,13 @@ def _query_torch(radius, samples, xyz, counts, new_xyz, new_counts) -> tuple[Ten
     while high and rising[high - 1]:
         width = rising[high - 1]
         low = max(high - max(1, grouping.CHUNK // width), bisect_left(rising, (width + 1) // 2))
-        columns, own = torch.arange(width, device=xyz.device), order[low:high]
+        columns, block = torch.arange(width, device=xyz.device), order[low:high]
         rows = (starts[low:high, None] + columns).clamp_max_(len(xyz) - 1)
-        dx, dy, dz = (new_xyz[own, axis, None] - xyz[:, axis][rows] for axis in range(3))
+        dx, dy, dz = (new_xyz[block, axis, None] - xyz[:, axis][rows] for axis in range(3))
         near = dx * dx + dy * dy + dz * dz < squared
-        hits, found = first_hits(near & (columns < sizes[low:high, None]), samples)
-        neighbours = starts[low:high, None] + padded_with_first(hits, found)
-        empty[own] = found == 0
-        idx[own] = torch.where(found[:, None] > 0, neighbours, 0)
+        hits, hit_counts = first_hits(near & (columns < sizes[low:high, None]), samples)
+        neighbours = starts[low:high, None] + padded_with_first(hits, hit_counts)
+        empty[block] = hit_counts == 0
+        idx[block] = torch.where(hit_counts[:, None] > 0, neighbours, 0)
         high = low
     return idx, empty

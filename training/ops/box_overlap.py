@@ -25,22 +25,22 @@ def iou_3d(a: Tensor, b: Tensor) -> Tensor:
 def _iou_torch(a: Tensor, b: Tensor) -> Tensor:
     a, b = checked(a), checked(b)
     out = a.new_zeros(len(a), len(b))
-    for own in chunks(len(a), len(b)):
-        row, column = near(a[own], b).nonzero(as_tuple=True)
-        row = own.start + row
+    for part in chunks(len(a), len(b)):
+        row, column = near(a[part], b).nonzero(as_tuple=True)
+        row = part.start + row
         out[row, column] = pair_iou(a[row], b[column], three_d=True)
     return out
 
 
 def checked(boxes: Tensor) -> Tensor:
-    """The boxes (N, 7) in float64, without history; raises ValueError as `iou_3d` does."""
+    """Return the boxes (N, 7) in float64, without history; raises ValueError as `iou_3d` does."""
     boxes = boxes.detach().double()
     rotated_iou.checked(boxes.cpu())
     return boxes
 
 
 def near(a: Tensor, b: Tensor) -> Tensor:
-    """Whether the circles around boxes (N, 7) and (M, 7) touch, (N, M) bool; others share none."""
+    """Test if the circles around boxes (N, 7) and (M, 7) touch, (N, M) bool; others share none."""
     dx, dy = (a[:, None, axis] - b[:, axis] for axis in range(2))
     reach = torch.hypot(a[:, 3], a[:, 4])[:, None] + torch.hypot(b[:, 3], b[:, 4])
     return 4 * (dx * dx + dy * dy) <= reach * reach
@@ -81,7 +81,7 @@ def _intersection(a: Tensor, b: Tensor) -> Tensor:
 
 
 def _clip(x: Tensor, y: Tensor, inside: Tensor) -> tuple[Tensor, Tensor]:
-    """Convex polygons (P, V) cut to where `inside` (P, V) is not negative, shape (P, V + 1).
+    """Cut convex polygons (P, V) to where `inside` (P, V) is not negative, shape (P, V + 1).
 
     One step of Sutherland and Hodgman, 1974. Spare vertices repeat the first one, which leaves the
     area as it is; a polygon that is cut away is one point.
@@ -93,9 +93,9 @@ def _clip(x: Tensor, y: Tensor, inside: Tensor) -> tuple[Tensor, Tensor]:
     # Valid vertices to the front in their order; the last place takes all others.
     place = torch.where(valid, valid.cumsum(1) - 1, x.shape[1] + 1)
     out = []
-    for own, crossing in ((x, crossing_x), (y, crossing_y)):
-        vertices = torch.stack([own, crossing], dim=2).flatten(1)
-        kept = x.new_zeros(len(x), x.shape[1] + 2).scatter_(1, place, vertices)[:, :-1]
-        spare = torch.arange(kept.shape[1], device=x.device) >= valid.sum(dim=1, keepdim=True)
-        out.append(torch.where(spare, kept[:, :1], kept))
+    for old, crossing in ((x, crossing_x), (y, crossing_y)):
+        vertices = torch.stack([old, crossing], dim=2).flatten(1)
+        clipped = x.new_zeros(len(x), x.shape[1] + 2).scatter_(1, place, vertices)[:, :-1]
+        spare = torch.arange(clipped.shape[1], device=x.device) >= valid.sum(dim=1, keepdim=True)
+        out.append(torch.where(spare, clipped[:, :1], clipped))
     return out[0], out[1]

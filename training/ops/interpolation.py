@@ -9,56 +9,57 @@ from training.ops.grouping import chunks, group
 
 
 def three_nn(
-    unknown: Tensor, unknown_counts: Tensor, known: Tensor, known_counts: Tensor
+    points: Tensor, counts: Tensor, places: Tensor, place_counts: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """The three nearest known points of the same frame, nearest first.
+    """Find the three nearest places of its frame for each point, nearest first.
 
-    Points (M, 3) and (N, 3) are finite, frame after frame, so many (B,) of each. Returns distances,
-    (M, 3), metres, and rows of `known`, (M, 3) int64. A frame with fewer than three known points
-    fills up with distance infinity and row 0.
+    Points (M, 3) and places (N, 3) are finite, frame after frame, `counts` and `place_counts` (B,)
+    of them. Returns distances, (M, 3), metres, and rows of `places`, (M, 3) int64. A frame with
+    fewer than three places fills up with distance infinity and row 0.
     """
-    search = _nearest_numba if unknown.is_cpu else _nearest_torch
-    distances = torch.full_like(unknown.detach(), torch.inf)
-    idx = torch.zeros(unknown.shape, dtype=torch.int64, device=unknown.device)
-    start = known_start = 0
-    for count, known_count in zip(unknown_counts.tolist(), known_counts.tolist(), strict=True):
-        if count and known_count:
-            own = slice(start, start + count)
-            near = min(3, known_count)
-            distances[own, :near], found = search(
-                unknown.detach()[own], known.detach()[known_start : known_start + known_count], near
+    search = _nearest_numba if points.is_cpu else _nearest_torch
+    distances = torch.full_like(points.detach(), torch.inf)
+    idx = torch.zeros(points.shape, dtype=torch.int64, device=points.device)
+    start = place_start = 0
+    for count, place_count in zip(counts.tolist(), place_counts.tolist(), strict=True):
+        frame = slice(start, start + count)
+        frame_places = slice(place_start, place_start + place_count)
+        if count and place_count:
+            near = min(3, place_count)
+            distances[frame, :near], rows = search(
+                points.detach()[frame], places.detach()[frame_places], near
             )
-            idx[own, :near] = known_start + found
-        start, known_start = start + count, known_start + known_count
+            idx[frame, :near] = place_start + rows
+        start, place_start = frame.stop, frame_places.stop
     return distances, idx
 
 
 @njit(cache=True)
-def _nearest_kernel(unknown, known, axis, order, along, places, distances, idx):
-    """Search outwards along `axis`, in which `order` sorts `known`, until it alone is too far; from
-    the `places` of `unknown` among `along`, the sorted coordinates.
+def _nearest_kernel(points, places, axis, order, starts, distances, idx):
+    """Search outwards along `axis`, in which `order` sorts `places`, until it alone is too far.
 
-    Of equally near points the lowest rows count, as upstream.
+    The search for a point begins at its place `starts` in that order. Of equally near places the
+    lowest rows count, as upstream.
     """
-    near = distances.shape[1]
+    near, along = distances.shape[1], places[:, axis][order]
     distances[:] = np.inf
-    for m in range(len(unknown)):
-        x, y, z = unknown[m, 0], unknown[m, 1], unknown[m, 2]
-        above = places[m]
-        below = above - 1
-        while below >= 0 or above < len(order):
-            down = unknown[m, axis] - along[below] if below >= 0 else np.inf
-            up = along[above] - unknown[m, axis] if above < len(order) else np.inf
+    for m in range(len(points)):
+        x, y, z = points[m, 0], points[m, 1], points[m, 2]
+        upper = starts[m]
+        lower = upper - 1
+        while lower >= 0 or upper < len(order):
+            down = points[m, axis] - along[lower] if lower >= 0 else np.inf
+            up = along[upper] - points[m, axis] if upper < len(order) else np.inf
             gap = distances.dtype.type(min(down, up))
             if gap * gap > distances[m, near - 1]:
                 break
             if down < up:
-                i = order[below]
-                below -= 1
+                i = order[lower]
+                lower -= 1
             else:
-                i = order[above]
-                above += 1
-            dx, dy, dz = x - known[i, 0], y - known[i, 1], z - known[i, 2]
+                i = order[upper]
+                upper += 1
+            dx, dy, dz = x - places[i, 0], y - places[i, 1], z - places[i, 2]
             squared = dx * dx + dy * dy + dz * dz
             k = near
             while k > 0 and (
@@ -72,30 +73,29 @@ def _nearest_kernel(unknown, known, axis, order, along, places, distances, idx):
                 distances[m, k], idx[m, k] = squared, i
 
 
-def _nearest_numba(unknown: Tensor, known: Tensor, near: int) -> tuple[Tensor, Tensor]:
-    points, wanted = known.contiguous().numpy(), unknown.contiguous().numpy()
-    axis = int(np.argmax(np.ptp(points, axis=0)))
-    distances = np.empty((len(unknown), near), points.dtype)
+def _nearest_numba(points: Tensor, places: Tensor, near: int) -> tuple[Tensor, Tensor]:
+    xyz, place_xyz = points.contiguous().numpy(), places.contiguous().numpy()
+    axis = int(np.argmax(np.ptp(place_xyz, axis=0)))
+    distances = np.empty((len(xyz), near), place_xyz.dtype)
     idx = np.zeros(distances.shape, np.int64)
-    order = np.argsort(points[:, axis])
-    along = points[order, axis]
-    places = np.searchsorted(along, wanted[:, axis])
-    _nearest_kernel(wanted, points, axis, order, along, places, distances, idx)
+    order = np.argsort(place_xyz[:, axis])
+    starts = np.searchsorted(place_xyz[order, axis], xyz[:, axis])
+    _nearest_kernel(xyz, place_xyz, axis, order, starts, distances, idx)
     return torch.from_numpy(np.sqrt(distances)), torch.from_numpy(idx)
 
 
-def _nearest_torch(unknown: Tensor, known: Tensor, near: int) -> tuple[Tensor, Tensor]:
-    distances = unknown.new_empty(len(unknown), near)
-    idx = torch.empty(len(unknown), near, dtype=torch.int64, device=unknown.device)
-    for own in chunks(len(unknown), len(known)):
-        dx, dy, dz = (unknown[own, axis, None] - known[:, axis] for axis in range(3))
-        squared, idx[own] = (dx * dx + dy * dy + dz * dz).topk(near, dim=1, largest=False)
-        distances[own] = squared.sqrt()
+def _nearest_torch(points: Tensor, places: Tensor, near: int) -> tuple[Tensor, Tensor]:
+    distances = points.new_empty(len(points), near)
+    idx = torch.empty(len(points), near, dtype=torch.int64, device=points.device)
+    for part in chunks(len(points), len(places)):
+        dx, dy, dz = (points[part, axis, None] - places[:, axis] for axis in range(3))
+        squared, idx[part] = (dx * dx + dy * dy + dz * dz).topk(near, dim=1, largest=False)
+        distances[part] = squared.sqrt()
     return distances, idx
 
 
 def inverse_distance_weights(distances: Tensor) -> Tensor:
-    """Weights (M, 3) of `three_nn`'s points, 1 / distance and 1 in sum; 0 if there is no point.
+    """Weights (M, 3) of `three_nn`'s places, 1 / distance and 1 in sum; 0 without places.
 
     PointNet++ (Qi et al., NeurIPS 2017), equation (2) with p = 1.
     """
@@ -104,5 +104,5 @@ def inverse_distance_weights(distances: Tensor) -> Tensor:
 
 
 def interpolate(features: Tensor, idx: Tensor, weights: Tensor) -> Tensor:
-    """Sums (M, C) of rows `idx` (M, K) of `features` (N, C), weighted with `weights` (M, K)."""
+    """Sum rows `idx` (M, K) of `features` (N, C) with `weights` (M, K), shape (M, C)."""
     return (group(features, idx) * weights[..., None]).sum(dim=1)

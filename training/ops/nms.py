@@ -27,9 +27,9 @@ def nms(
 
 
 def _unsuppressed_torch(boxes: Tensor, threshold: float) -> Tensor:
-    """Rows left when each kept box removes the later ones that overlap it.
+    """Rows that survive when each survivor removes the later boxes that overlap it.
 
-    All are kept at first; then each that no kept one before it overlaps, again and again until
+    All survive at first; then each that no survivor before it overlaps, again and again until
     nothing changes: as many rounds as the longest chain of boxes has links, few in practice (Zheng
     et al., Cluster NMS, 2020).
     """
@@ -37,16 +37,17 @@ def _unsuppressed_torch(boxes: Tensor, threshold: float) -> Tensor:
     count = len(boxes)
     overlaps = torch.zeros(count, count, dtype=torch.bool, device=boxes.device)
     size = boxes[:, 3] * boxes[:, 4]
-    for own in chunks(count, count):
-        smaller, larger = torch.minimum(size[own, None], size), torch.maximum(size[own, None], size)
+    for part in chunks(count, count):
+        pair = size[part, None], size
+        smaller, larger = torch.minimum(*pair), torch.maximum(*pair)
         # Their quotient is at least the IoU; the slack is for rounding.
         alike = smaller >= (threshold - 1e-9) * larger
-        row, column = (near(boxes[own], boxes) & alike).triu(own.start + 1).nonzero(as_tuple=True)
-        row = own.start + row
+        row, column = (near(boxes[part], boxes) & alike).triu(part.start + 1).nonzero(as_tuple=True)
+        row = part.start + row
         overlaps[row, column] = pair_iou(boxes[row], boxes[column], three_d=False) > threshold
-    kept = torch.ones(count, dtype=torch.bool, device=boxes.device)
+    survives = torch.ones(count, dtype=torch.bool, device=boxes.device)
     while True:
-        left = ~(overlaps & kept[:, None]).any(dim=0)
-        if torch.equal(left, kept):
-            return kept.nonzero().flatten()
-        kept = left
+        left = ~(overlaps & survives[:, None]).any(dim=0)
+        if torch.equal(left, survives):
+            return survives.nonzero().flatten()
+        survives = left

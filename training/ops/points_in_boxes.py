@@ -1,4 +1,4 @@
-"""Which box a point lies in."""
+"""Search for the box in which a point lies."""
 
 import numpy as np
 import torch
@@ -22,7 +22,7 @@ def cos_sin(yaw: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def box_of_points(points: Tensor, boxes: Tensor) -> Tensor:
-    """The first of the boxes (M, 7) that each point x, y, z, … lies in, -1 if none, (N,) int64."""
+    """Find the first of the boxes (M, 7) in which each point (N, 3 or more) lies, -1 if none."""
     search = _first_box_numba if points.is_cpu else _first_box_torch
     return search(points.detach(), boxes.detach().to(points))
 
@@ -69,7 +69,7 @@ def _first_box_kernel(points, boxes, cosine, sine, margin, out):
 
 @inner
 def _cell(x, low, by) -> int:
-    """The cell of a coordinate, or the nearest; `by`: cells a metre."""
+    """Cell of a coordinate, or the nearest one; `by` is cells a metre."""
     cell = (x - low) * by
     if not cell > 0:  # of what is no number too
         return 0
@@ -86,14 +86,14 @@ def _first_box_numba(points: Tensor, boxes: Tensor) -> Tensor:
 
 def _first_box_torch(points: Tensor, boxes: Tensor) -> Tensor:
     out = torch.full((len(points),), -1, dtype=torch.int64, device=points.device)
-    for own in chunks(len(points), len(boxes)) if len(boxes) else ():
-        inside = inside_boxes(points[own], boxes).t()
-        out[own] = torch.where(inside.any(dim=1), inside.int().argmax(dim=1), -1)
+    for part in chunks(len(points), len(boxes)) if len(boxes) else ():
+        inside = inside_boxes(points[part], boxes).t()
+        out[part] = torch.where(inside.any(dim=1), inside.int().argmax(dim=1), -1)
     return out
 
 
 def inside_boxes(points: Tensor, boxes: Tensor) -> Tensor:
-    """Which points (N, 3) lie in which boxes (M, 7), (M, N) bool."""
+    """Test if each of the points (N, 3) is in each of the boxes (M, 7), (M, N) bool."""
     x, y, z, length, width, height, yaw = boxes[:, :, None].unbind(dim=1)
     dx, dy, dz = points[:, 0] - x, points[:, 1] - y, points[:, 2] - z
     cosine, sine = cos_sin(yaw)

@@ -10,7 +10,7 @@ from training.ops.points_in_boxes import inside_boxes
 def roipoint_pool(
     points: Tensor, features: Tensor, boxes: Tensor, samples: int, extra: float
 ) -> tuple[Tensor, Tensor]:
-    """The first S of the finite points (N, 3) of a frame, in their order, in each box (R, 7).
+    """Pool the first S of the finite points (N, 3) of a frame, in their order, in each box (R, 7).
 
     A box with fewer repeats them in their order; `extra` metres are added to its sides before.
 
@@ -20,10 +20,10 @@ def roipoint_pool(
     large = boxes.detach().to(points).clone()
     large[:, 3:6] += extra
     idx = torch.zeros(len(boxes), samples, dtype=torch.int64, device=points.device)
-    found = torch.zeros(len(boxes), dtype=torch.int64, device=points.device)
-    for own in chunks(len(boxes), len(points)):
-        idx[own], found[own] = first_hits(inside_boxes(points.detach(), large[own]), samples)
-    turn = torch.arange(samples, device=points.device) % found.clamp_min(1)[:, None]
-    idx, empty = idx.gather(1, turn), found == 0
+    counts = torch.zeros(len(boxes), dtype=torch.int64, device=points.device)
+    for part in chunks(len(boxes), len(points)):
+        idx[part], counts[part] = first_hits(inside_boxes(points.detach(), large[part]), samples)
+    turn = torch.arange(samples, device=points.device) % counts.clamp_min(1)[:, None]
+    idx, empty = idx.gather(1, turn), counts == 0
     pooled = torch.cat([group(points, idx), group(features, idx)], dim=2)
     return pooled.masked_fill(empty[:, None, None], 0), empty

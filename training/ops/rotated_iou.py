@@ -10,36 +10,35 @@ from lidarplace.base.kernel_cache import inner, njit
 
 
 @inner
-def _clip(xs, ys, count, axis, sign, limit, xs_out, ys_out):
+def _clip(polygon, count, axis, sign, limit, clipped):
     """Keep the part of a polygon with `sign * coordinate <= limit`; return its vertex count.
 
-    One step of I. Sutherland and G. Hodgman, Reentrant polygon clipping, 1974.
+    Polygons have x and y of their vertices, (2, 8) or more. One step of I. Sutherland and
+    G. Hodgman, Reentrant polygon clipping, 1974.
     """
-    kept = 0
+    vertices = 0
     for i in range(count):
         j = i + 1 if i + 1 < count else 0
-        here = limit - sign * (xs[i] if axis == 0 else ys[i])
-        there = limit - sign * (xs[j] if axis == 0 else ys[j])
-        if here >= 0:
-            xs_out[kept] = xs[i]
-            ys_out[kept] = ys[i]
-            kept += 1
-        if (here > 0 and there < 0) or (here < 0 and there > 0):
-            t = here / (here - there)
-            xs_out[kept] = xs[i] + t * (xs[j] - xs[i])
-            ys_out[kept] = ys[i] + t * (ys[j] - ys[i])
-            kept += 1
-    return kept
+        inside_i, inside_j = limit - sign * polygon[axis, i], limit - sign * polygon[axis, j]
+        if inside_i >= 0:
+            clipped[0, vertices], clipped[1, vertices] = polygon[0, i], polygon[1, i]
+            vertices += 1
+        if (inside_i > 0 and inside_j < 0) or (inside_i < 0 and inside_j > 0):
+            t = inside_i / (inside_i - inside_j)
+            for k in range(2):
+                clipped[k, vertices] = polygon[k, i] + t * (polygon[k, j] - polygon[k, i])
+            vertices += 1
+    return vertices
 
 
 @inner
 def _bev_intersection(a, b, work):
-    """Area common to two rotated rectangles; `work` is space (4, 8) or more.
+    """Area common to two rotated rectangles; `work` is space for two polygons, see `_clip`.
 
     Works in the frame of `a`, so that far coordinates cost no digits and `a` is a plain interval
     in x and in y.
     """
-    xs, ys, xs_out, ys_out = work[0], work[1], work[2], work[3]
+    polygon, clipped = work[0], work[1]
     dx, dy = b[0] - a[0], b[1] - a[1]
     reach = math.hypot(a[3], a[4]) + math.hypot(b[3], b[4])
     if 4 * (dx * dx + dy * dy) > reach * reach:
@@ -51,13 +50,13 @@ def _bev_intersection(a, b, work):
     for i in range(4):
         u = (0.5 if i == 0 or i == 3 else -0.5) * b[3]
         v = (0.5 if i < 2 else -0.5) * b[4]
-        xs[i] = x + cos_b * u - sin_b * v
-        ys[i] = y + sin_b * u + cos_b * v
-    count = _clip(xs, ys, 4, 0, 1.0, 0.5 * a[3], xs_out, ys_out)
-    count = _clip(xs_out, ys_out, count, 0, -1.0, 0.5 * a[3], xs, ys)
-    count = _clip(xs, ys, count, 1, 1.0, 0.5 * a[4], xs_out, ys_out)
-    count = _clip(xs_out, ys_out, count, 1, -1.0, 0.5 * a[4], xs, ys)
-    area = 0.0
+        polygon[0, i] = x + cos_b * u - sin_b * v
+        polygon[1, i] = y + sin_b * u + cos_b * v
+    count = 4
+    for axis in range(2):
+        count = _clip(polygon, count, axis, 1.0, 0.5 * a[3 + axis], clipped)
+        count = _clip(clipped, count, axis, -1.0, 0.5 * a[3 + axis], polygon)
+    area, (xs, ys) = 0.0, (polygon[0], polygon[1])
     # A fan of triangles from vertex 0: small numbers, no cancellation.
     for i in range(1, count - 1):
         area += (xs[i] - xs[0]) * (ys[i + 1] - ys[0]) - (xs[i + 1] - xs[0]) * (ys[i] - ys[0])
@@ -80,7 +79,7 @@ def _iou(a, b, three_d, work):
 
 @njit(cache=True)
 def _pair_kernel(a, b, three_d) -> NDArray[np.float64]:
-    work = np.empty((4, 16))
+    work = np.empty((2, 2, 16))
     out = np.empty(len(a))
     for i in range(len(a)):
         out[i] = _iou(a[i], b[i], three_d, work)
@@ -89,7 +88,7 @@ def _pair_kernel(a, b, three_d) -> NDArray[np.float64]:
 
 @njit(cache=True)
 def _matrix_kernel(a, b, three_d) -> NDArray[np.float64]:
-    work = np.empty((4, 16))
+    work = np.empty((2, 2, 16))
     out = np.empty((len(a), len(b)))
     for i in range(len(a)):
         for j in range(len(b)):
@@ -99,7 +98,7 @@ def _matrix_kernel(a, b, three_d) -> NDArray[np.float64]:
 
 @inner
 def _could_exceed(a, b, cos_a, sin_a, cos_b, sin_b, threshold):
-    """Whether the IoU from above may be greater than `threshold`, by the bounds of `b` along `a`.
+    """Test by the bounds of `b` along `a` if the IoU from above may be greater than `threshold`.
 
     No trigonometry and no clipping, and false for almost all pairs that do not exceed it.
     """
@@ -120,25 +119,25 @@ def _could_exceed(a, b, cos_a, sin_a, cos_b, sin_b, threshold):
 
 @njit(cache=True)
 def _suppression_kernel(boxes, threshold, limit) -> NDArray[np.int64]:
-    kept = np.empty(min(len(boxes), limit), np.int64)
+    survivors = np.empty(min(len(boxes), limit), np.int64)
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
-    work = np.empty((4, 16))
-    found = 0
+    work = np.empty((2, 2, 16))
+    count = 0
     for i in range(len(boxes)):
-        if found == len(kept):
+        if count == len(survivors):
             break
-        for k in kept[:found]:
+        for k in survivors[:count]:
             near = _could_exceed(boxes[k], boxes[i], cos[k], sin[k], cos[i], sin[i], threshold)
             if near and _iou(boxes[k], boxes[i], False, work) > threshold:
                 break
         else:
-            kept[found] = i
-            found += 1
-    return kept[:found]
+            survivors[count] = i
+            count += 1
+    return survivors[:count]
 
 
 def checked(boxes: ArrayLike) -> NDArray[np.float64]:
-    """The boxes (N, 7) in float64; raises ValueError as `iou_bev` does."""
+    """Return the boxes (N, 7) in float64; raises ValueError as `iou_bev` does."""
     array = np.require(boxes, np.float64, ["C", "W"])  # a read-only array would be another type
     if array.ndim != 2 or array.shape[1] != 7:
         raise InputError(key="boxes", expected="shape (N, 7), x to yaw", found=array.shape)
@@ -160,7 +159,7 @@ def iou_bev(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
 
 
 def iou_3d(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
-    """`iou_bev` of volumes."""
+    """Intersection over union of volumes; arguments and errors as of `iou_bev`."""
     return _matrix_kernel(checked(a), checked(b), True)
 
 
@@ -176,8 +175,9 @@ def paired_iou(a: ArrayLike, b: ArrayLike, three_d: bool) -> NDArray[np.float64]
 
 
 def unsuppressed(boxes: ArrayLike, threshold: float, limit: int) -> NDArray[np.int64]:
-    """Rows of `boxes` (N, 7) left when each kept box removes the later ones that overlap it.
+    """Rows of `boxes` (N, 7) that survive when each survivor removes later boxes that overlap it.
 
-    So it does at an IoU from above greater than `threshold`, at least 0; at most `limit` are kept.
+    A box is removed at an IoU from above greater than `threshold`, at least 0; at most `limit`
+    survive.
     """
     return _suppression_kernel(checked(boxes), float(threshold), limit)

@@ -14,7 +14,7 @@ _THREADS = 1024
 
 
 def furthest_point_sample(xyz: Tensor, counts: Tensor, samples: int) -> tuple[Tensor, Tensor]:
-    """Rows of points of which each is the furthest from those before it, starting with the first.
+    """Choose rows of points, each the furthest from those before it, starting with the first.
 
     PointNet++ (Qi et al., NeurIPS 2017), section 3.2. Of equally far points it takes the one that
     OpenPCDet's CUDA kernel takes. Points (N, 3) are finite, frame after frame, `counts` (B,) each.
@@ -68,8 +68,11 @@ def _furthest_rows(xyz: NDArray[np.floating], samples: int) -> NDArray[np.int64]
 
 @njit(cache=True)
 def _furthest_kernel(xyz, packed, rows, size, low, high, chosen):
-    """Fill `chosen` from its second row on; `packed` (3, N) are the points of `rows`, box by box,
-    `low` and `high` (boxes, 3) the corners of each box of `size`."""
+    """Fill `chosen` from its second row on.
+
+    `packed` (3, N) are the points of `rows`, box by box, `low` and `high` (boxes, 3) the corners of
+    each box of `size`.
+    """
     count, boxes = len(rows), len(low)
     x, y, z = packed[0], packed[1], packed[2]
     distance = np.full(count, np.inf, xyz.dtype)
@@ -111,7 +114,7 @@ def _furthest_numba(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
 
 
 def _furthest_torch(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
-    """Frames of similar size side by side, so that padding at most doubles the work."""
+    """Sample frames of similar size side by side, so that padding at most doubles the work."""
     filled = [count for count in counts if count]
     sizes = torch.tensor(filled, dtype=torch.int64, device=xyz.device)
     starts, order = sizes.cumsum(0) - sizes, sizes.argsort()
@@ -121,8 +124,8 @@ def _furthest_torch(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
     while high:
         largest = filled[high - 1]
         low = bisect_left(filled, (largest + 1) // 2)
-        own = order[low:high]
-        rows[own] = _furthest_side_by_side(xyz, starts[own], sizes[own], largest, samples)
+        block = order[low:high]
+        rows[block] = _furthest_side_by_side(xyz, starts[block], sizes[block], largest, samples)
         high = low
     return rows.flatten()
 

@@ -31,11 +31,11 @@ class SparseTensor:
     tables: dict[Triple, Rules] = field(default_factory=dict, repr=False, compare=False)
 
     def with_features(self, features: Tensor) -> "SparseTensor":
-        """Other features (N, C') at the same sites."""
+        """Replace the features, (N, C'), at the same sites."""
         return replace(self, features=features)
 
     def bev(self) -> Tensor:
-        """Seen from above, heights stacked as channels c * nz + z: (frames, C * nz, ny, nx)."""
+        """View from above, heights stacked as channels c * nz + z: (frames, C * nz, ny, nx)."""
         nz, ny, nx = self.shape
         frame, z, y, x = self.coordinates.unbind(dim=1)
         # Channels last in memory, which convolutions on a CPU like better.
@@ -45,7 +45,7 @@ class SparseTensor:
 
 
 class _Convolution(torch.autograd.Function):
-    """Output rows of input rows (N, in), weights (out, K, in) and a table of pairs.
+    """Convolution of input rows (N, in) by weights (out, K, in) and a table of pairs.
 
     The gathered rows are not kept for the backward pass: they are many times the input.
     """
@@ -55,7 +55,7 @@ class _Convolution(torch.autograd.Function):
         ctx.save_for_backward(features, weight)
         ctx.rules = rules  # type: ignore[attr-defined]
         products = features.new_empty(len(rules.inputs), len(weight))
-        split = (own.split(rules.counts) for own in (rules.inputs, products))
+        split = (part.split(rules.counts) for part in (rules.inputs, products))
         for matrix, rows, product in zip(weight.unbind(dim=1), *split, strict=True):
             torch.mm(features.index_select(0, rows), matrix.t(), out=product)
         return _segment_sum(products, *rules.by_output)
@@ -65,20 +65,20 @@ class _Convolution(torch.autograd.Function):
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, Tensor, None]:
         features, weight = ctx.saved_tensors
         rules: Rules = ctx.rules
-        below = ctx.needs_input_grad[0]
-        products = features.new_empty(len(rules.inputs) if below else 0, features.shape[1])
+        wanted = ctx.needs_input_grad[0]
+        products = features.new_empty(len(rules.inputs) if wanted else 0, features.shape[1])
         weight_grad = weight.new_empty(weight.shape[1], weight.shape[0], weight.shape[2])
         first = 0
         for k, count in enumerate(rules.counts):
             pairs = slice(first, first + count)
-            above = grad.index_select(0, rules.outputs[pairs])
+            output_grad = grad.index_select(0, rules.outputs[pairs])
             rows = features.index_select(0, rules.inputs[pairs])
-            torch.mm(above.t(), rows, out=weight_grad[k])
-            if below:
-                torch.mm(above, weight[:, k], out=products[pairs])
+            torch.mm(output_grad.t(), rows, out=weight_grad[k])
+            if wanted:
+                torch.mm(output_grad, weight[:, k], out=products[pairs])
             first += count
         weight_grad = weight_grad.transpose(0, 1).contiguous()
-        return (_segment_sum(products, *rules.by_input) if below else None), weight_grad, None
+        return (_segment_sum(products, *rules.by_input) if wanted else None), weight_grad, None
 
 
 def _segment_sum(rows: Tensor, order: Tensor, starts: Tensor) -> Tensor:

@@ -1,5 +1,4 @@
-"""Tables of pairs of sparse convolutions: which input row feeds which output row, and by which
-position of the kernel.
+"""Pairs of input and output rows of sparse convolutions, for each position of the kernel.
 
 What torch does slowly on a CPU is done in numba there; both give the same tables.
 """
@@ -12,6 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from lidarplace.base.kernel_cache import njit
+from training.ops.grouping import counting_sort
 
 Triple = tuple[int, int, int]  # along z, y, x
 
@@ -28,7 +28,7 @@ class Rules:
 
 
 def submanifold_rules(coordinates: Tensor, shape: Triple, kernel: Triple) -> Rules:
-    """Pairs of sites that are neighbours: input and output have the same sites.
+    """Pair the sites that are neighbours: input and output have the same sites.
 
     Coordinates frame, z, y, x (N, 4), int64, are sorted, the sizes of `kernel` odd.
     """
@@ -45,21 +45,23 @@ def submanifold_rules(coordinates: Tensor, shape: Triple, kernel: Triple) -> Rul
     # from the end. The position in the middle pairs every site with itself.
     steps = ((positions - reach) * strides[1:]).sum(dim=1)[: len(positions) // 2]
     if device.type == "cpu":
-        found = _neighbours_numba(keys.numpy(), steps.numpy())
-        inputs, outputs, half = map(torch.from_numpy, found)
+        neighbours = _neighbours_numba(keys.numpy(), steps.numpy())
+        inputs, outputs, half = map(torch.from_numpy, neighbours)
     else:
         inputs, outputs, half = _neighbours_torch(keys, steps)
     same, count = torch.arange(len(keys), device=device), len(keys)
     counts = [*half.tolist(), count, *half.flip(0).tolist()]
-    pairs = ((inputs, outputs), (outputs, inputs))
-    inputs, outputs = (torch.cat([here, same, there.flip(0)]) for here, there in pairs)
+    inputs, outputs = (
+        torch.cat([rows, same, mirrored.flip(0)])
+        for rows, mirrored in ((inputs, outputs), (outputs, inputs))
+    )
     return _table(inputs, outputs, counts, (count, count))
 
 
 def strided_rules(
     coordinates: Tensor, shape: Triple, kernel: Triple, stride: Triple, padding: Triple
 ) -> tuple[Rules, Tensor]:
-    """Pairs, and the output's coordinates (M, 4): all cells whose window holds a site."""
+    """Pair each site with the cells whose window holds it; also their coordinates (M, 4)."""
     nz, ny, nx = output_shape(shape, kernel, stride, padding)
     geometry = (nz, ny, nx), kernel, stride, padding
     inputs, outputs, counts, cells = _reached(coordinates, *geometry)
@@ -84,7 +86,7 @@ def _table(inputs: Tensor, outputs: Tensor, counts: list[int], rows: tuple[int, 
 def _by_row(rows: Tensor, count: int) -> tuple[Tensor, Tensor]:
     if rows.device.type != "cpu":
         return _by_row_torch(rows, count)
-    order, starts = map(torch.from_numpy, _by_row_numba(rows.numpy(), count))
+    order, starts = map(torch.from_numpy, counting_sort(rows.numpy(), count))
     return order, starts
 
 
@@ -113,11 +115,10 @@ def _neighbours_numba(keys, steps):
 
 def _neighbours_torch(keys: Tensor, steps: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     wanted = keys + steps[:, None]
-    found = torch.searchsorted(keys, wanted)
-    found = found.where(found < len(keys), 0)
-    hit = keys[found] == wanted
-    outputs = torch.nonzero(hit)[:, 1]
-    return found[hit], outputs, hit.sum(dim=1)
+    rows = torch.searchsorted(keys, wanted)
+    rows = rows.where(rows < len(keys), 0)
+    hit = keys[rows] == wanted
+    return rows[hit], torch.nonzero(hit)[:, 1], hit.sum(dim=1)
 
 
 def _reached(
@@ -140,22 +141,6 @@ def _reached(
     inputs = torch.nonzero(valid)[:, 1]
     cells, outputs = torch.unique(cell.flatten(0, 2)[valid], return_inverse=True)
     return inputs, outputs, valid.sum(dim=1), cells
-
-
-@njit(cache=True)
-def _by_row_numba(rows, count):
-    """Counting sort: order of the pairs by row, and where each row's pairs begin."""
-    starts = np.zeros(count + 1, np.int64)
-    for row in rows:
-        starts[row + 1] += 1
-    for row in range(count):
-        starts[row + 1] += starts[row]
-    order = np.empty(len(rows), np.int64)
-    place = starts[:-1].copy()
-    for i in range(len(rows)):
-        order[place[rows[i]]] = i
-        place[rows[i]] += 1
-    return order, starts
 
 
 def _by_row_torch(rows: Tensor, count: int) -> tuple[Tensor, Tensor]:

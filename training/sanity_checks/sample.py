@@ -49,8 +49,10 @@ class Sample:
     @classmethod
     def of(cls, detections: pd.DataFrame, labels: pd.DataFrame, frames: pd.DataFrame) -> Self:
         """Choose as many frames with labels as `MOST_PAIRS` allows, at least one if there is any.
+
         Detections and labels have `frame`, `class` and `GEOMETRY`; those of other frames are left
-        out."""
+        out.
+        """
         frames = frames.sort_values("frame", ignore_index=True)
         number = pd.Series(frames.index, frames["frame"].to_numpy())
         labels, detections = (t[t["frame"].isin(number.index)] for t in (labels, detections))

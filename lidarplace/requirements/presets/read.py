@@ -1,4 +1,4 @@
-"""Presets: the zone of a regulation around a vehicle, and what it asks there, from its file."""
+"""Presets: the zone of a regulation around a vehicle, and its requirements, from a file."""
 
 from functools import cache
 from importlib.resources import files
@@ -48,7 +48,7 @@ class PresetFile(Settings):
 
 @cache
 def preset_file(name: str) -> PresetFile:
-    """What a preset says. Raises ValueError: there is none of that name."""
+    """Read a preset. Raises ValueError: there is none of that name."""
     if name not in PRESETS:
         raise InputError(expected=", ".join(PRESETS), found=repr(name))
     text = files(__package__).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
@@ -56,7 +56,7 @@ def preset_file(name: str) -> PresetFile:
 
 
 def preset(name: str, vehicle: Vehicle) -> Area:
-    """The area of a preset around this vehicle. Raises ValueError: the vehicle has no body."""
+    """Return the area of a preset around this vehicle. Raises ValueError: it has no body."""
     area, extents = preset_file(name).area, vehicle.body.extents
     if not len(extents):
         raise InputError(key="where.preset", expected=f"a vehicle with a body, for {name}")

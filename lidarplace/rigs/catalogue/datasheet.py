@@ -1,4 +1,4 @@
-"""What is known of a LiDAR that can be bought, by name."""
+"""Data sheets of the LiDARs that can be bought, by name."""
 
 import difflib
 import re
@@ -21,21 +21,21 @@ class _Sheet(BaseModel):
 
 
 class Source(_Sheet):
-    """Where a number was read."""
+    """A document from which a number was read."""
 
     title: str
     url: str
 
 
 class Rosette(_Sheet):
-    """What draws a pattern that does not repeat: two turning prisms."""
+    """Two turning prisms, which draw a pattern that does not repeat."""
 
     rpm: tuple[float, float]  # turns of either prism a minute, signed
     field_of_view_deg: PositiveFloat  # of the cone that they fill
 
 
 class Datasheet(_Sheet):
-    """A LiDAR model; None if no source has it."""
+    """Data of a LiDAR model; None if no source has it."""
 
     name: str  # in settings and for `Lidar.named`
     maker: str
@@ -71,7 +71,7 @@ class Datasheet(_Sheet):
 
     @property
     def rays(self) -> int:
-        """Of a frame."""
+        """Number of rays of a frame."""
         if not self.elevations_deg:
             return (self.points_per_second or 0) // FRAMES_PER_S
         low, high = self.azimuth_deg
@@ -79,28 +79,27 @@ class Datasheet(_Sheet):
 
 
 def metres(size_mm: tuple[float, float, float]) -> tuple[float, float, float]:
-    """A size in metres."""
+    """Convert a size to metres."""
     length, width, height = size_mm
     return 1e-3 * length, 1e-3 * width, 1e-3 * height
 
 
 @cache
 def catalogue() -> Mapping[str, Datasheet]:
-    """All data sheets by name, in the order of the file."""
+    """Return all data sheets by name, in the order of the file."""
     text = files(__package__).joinpath("datasheets.yaml").read_text(encoding="utf-8")
-    return {name: Datasheet(name=name, **own) for name, own in yaml.safe_load(text).items()}
+    return {name: Datasheet(name=name, **fields) for name, fields in yaml.safe_load(text).items()}
 
 
 def datasheet(name: str) -> Datasheet:
-    """The data sheet of that name; case, hyphens and blanks do not matter: "VLP-16" is "vlp16".
+    """Return the data sheet of that name; case, hyphens and blanks do not matter.
 
-    "hdl32e@20hz" is the same LiDAR at 20 turns a second, with as many firings in all. Raises
-    ValueError: there is none, it does not turn, or not at that rate.
-    """
+    "VLP-16" is "vlp16". "hdl32e@20hz" is the same LiDAR at 20 turns a second, with as many firings
+    in all. Raises ValueError: there is none, it does not turn, or not at that rate."""
     name, at, rate = name.partition("@")
     if at:
         return _at_rate(datasheet(name), rate)
-    names = {_bare(known): known for known in catalogue()}
+    names = {_bare(sheet): sheet for sheet in catalogue()}
     if _bare(name) in names:
         return catalogue()[names[_bare(name)]]
     if close := difflib.get_close_matches(_bare(name), names, n=3):
@@ -110,17 +109,17 @@ def datasheet(name: str) -> Datasheet:
 
 
 @cache
-def _at_rate(sheet: Datasheet, told: str) -> Datasheet:
-    """The same LiDAR at another rate, such as "20hz"."""
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*hz", told.strip().lower())
-    if found is None or not RATES[0] <= float(found[1]) <= RATES[1]:
+def _at_rate(sheet: Datasheet, rate: str) -> Datasheet:
+    """Return a LiDAR at another rate, such as "20hz"."""
+    number = re.fullmatch(r"(\d+(?:\.\d+)?)\s*hz", rate.strip().lower())
+    if number is None or not RATES[0] <= float(number[1]) <= RATES[1]:
         allowed = f"{RATES[0]} to {RATES[1]} Hz, such as {sheet.name}@20hz"
-        raise InputError(f"rate of {sheet.name}", expected=allowed, found=repr(told))
+        raise InputError(f"rate of {sheet.name}", expected=allowed, found=repr(rate))
     if sheet.rosette is not None:
         wrong = f"{sheet.name} has a pattern that does not turn"
-        raise InputError(wrong, fix=f"leave @{told} out")
-    steps = round(sheet.azimuth_steps * FRAMES_PER_S / float(found[1]))
-    name = f"{sheet.name}@{float(found[1]):g}hz"
+        raise InputError(wrong, fix=f"leave @{rate} out")
+    steps = round(sheet.azimuth_steps * FRAMES_PER_S / float(number[1]))
+    name = f"{sheet.name}@{float(number[1]):g}hz"
     return sheet.model_copy(update={"name": name, "azimuth_steps": steps})
 
 

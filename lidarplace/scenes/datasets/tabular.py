@@ -29,13 +29,24 @@ from lidarplace.logs.boxes import (
     rows_of,
 )
 from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classified, classify, merged
-from lidarplace.scenes.datasets.other_reader import other_reader
 
 SUFFIXES = (".parquet", ".csv")
 TEXT = ("scene", "object_id", "class", "split", CLOUD)
 LOG, NO_BOXES = "log", "no boxes"
 """Scene of a frame where it is unknown, and of empty frames of which only the number is known."""
 OF_FRAMES = ("scene", "timestamp_s")  # what a frame has, and each of its boxes too
+_OTHER_LAYOUTS = {
+    "kitti": ("label_2", "training/label_2"),
+    "nuscenes": ("v1.0-*", "scene.json"),
+    "argoverse": ("train/*/annotations.feather", "val/*/annotations.feather"),
+    "waymo": ("training/lidar_box", "validation/lidar_box"),
+    "openlabel": ("*.json",),
+}
+"""Paths that only a folder for this reader has, the first reader first."""
+_OTHER_SUFFIXES = {
+    ".json": "`lidarplace convert openlabel` reads OpenLABEL, `convert nuscenes` nuScenes",
+    ".txt": "`lidarplace convert kitti` reads a folder of KITTI's labels; call a table .csv",
+}
 
 
 def read_tabular(
@@ -93,7 +104,7 @@ def _table_in(folder: Path, name: str) -> Path:
     files = [path for suffix in SUFFIXES if is_there(path := folder / f"{name}{suffix}")]
     if len(files) != 1:
         expected = " or ".join(f"{name}{suffix}" for suffix in SUFFIXES)
-        number, fix = ("both", "") if files else ("neither", other_reader(folder))
+        number, fix = ("both", "") if files else ("neither", _other_reader(folder))
         raise InputError(place=folder, expected=expected, found=number, fix=fix)
     return files[0]
 
@@ -104,10 +115,20 @@ def read_table(path: Path, texts: Iterable[str] = TEXT) -> pd.DataFrame:
     Raises ValueError if the file cannot be read, or has another suffix."""
     if path.suffix.lower() not in SUFFIXES:
         expected = f"a name that ends in {' or '.join(SUFFIXES)}"
-        raise InputError(place=path, expected=expected, fix=other_reader(path))
+        raise InputError(place=path, expected=expected, fix=_other_reader(path))
     if path.suffix.lower() == ".csv":
         return read_csv(path, dtype=dict.fromkeys(texts, str))
     return read_parquet(path)
+
+
+def _other_reader(path: Path) -> str:
+    """Name the reader, by the suffix of a file or by what is in a folder; empty if unknown."""
+    if not path.is_dir():
+        return _OTHER_SUFFIXES.get(path.suffix.lower(), "")
+    for name, patterns in _OTHER_LAYOUTS.items():
+        if any(next(path.glob(pattern), None) for pattern in patterns):
+            return f"`lidarplace convert {name}` reads such a folder"
+    return ""
 
 
 def _boxes(path: Path) -> pd.DataFrame:

@@ -9,8 +9,11 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.plausibility import CHECKS_OF_FRAMES, ImplausibleValue, cautions_of
 from lidarplace.scenes.sanity_checks.boxes import implausible_surroundings, implausible_units
 from lidarplace.scenes.sanity_checks.copies import copied_test_frames, duplicate_boxes
-from lidarplace.scenes.sanity_checks.motion import implausible_motion, implausible_poses
-from lidarplace.scenes.sanity_checks.times import implausible_times
+from lidarplace.scenes.sanity_checks.motion import (
+    implausible_motion,
+    implausible_poses,
+    implausible_times,
+)
 
 CONVERTED = "change {remedy} of the mapping that converts it (`lidarplace convert table --propose`)"
 

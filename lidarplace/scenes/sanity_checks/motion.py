@@ -1,4 +1,4 @@
-"""Motion of vehicles against their heading: as they rarely slide, it shows a wrong convention."""
+"""Times and motion that look wrong: vehicles rarely slide, which shows the convention of boxes."""
 
 import math
 from collections.abc import Iterator
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import POSE_COLUMNS
-from lidarplace.logs.plausibility import ImplausibleValue
+from lidarplace.logs.plausibility import STEP_S, ImplausibleValue
+from lidarplace.scenes.sanity_checks.boxes import LEAST_BOXES
 from lidarplace.scenes.sanity_checks.conventions import (
     CLOCKWISE,
     OURS,
@@ -19,6 +20,8 @@ from lidarplace.scenes.sanity_checks.conventions import (
     Convention,
 )
 
+MOST_SPEED = 100.0  # metres a second, 360 km/h, of the vehicle in the median
+MOST_STEP_M = 150.0  # of the vehicle from one frame to the next in the median, if time is unknown
 STEP_M = 0.2  # shorter steps from frame to frame say more of the labels' noise than of motion
 MOST_BOXES = 20_000  # of a larger log some runs of frames are enough
 RUN = 8  # steps
@@ -36,7 +39,41 @@ BACKWARDS = 0.8  # share of steps against the heading that no traffic has
 CLEARLY = 4  # so many times fewer are across in the convention that is meant
 MORE = 1.2  # so many times more vehicles move at most: one that sets parked ones in motion is wrong
 UNKNOWNS = 2
-"""Of the vehicle's own motion in a frame: how far ahead, and by which angle to the left."""
+"""Unknowns of the vehicle's motion in a frame: how far ahead, and by which angle to the left."""
+
+
+def implausible_times(log: BoxLog) -> Iterator[ImplausibleValue]:
+    """Check the time from frame to frame, and how far the vehicle moves in it."""
+    frames = log.frames.sort_values(["scene", "route", "frame"])
+    route = frames.groupby(["scene", "route"], sort=False)
+    step = route["timestamp_s"].diff()
+    if (back := (step < 0)).any():
+        problem = f"time goes back from one frame to the next, to {step.min():g} s"
+        rows, remedy = back[log.frames.index].to_numpy(bool), "columns.time or columns.frame"
+        yield ImplausibleValue("time", "timestamp_s", problem, remedy, False, rows)
+        return
+    filled = frames["frame"].isin(log.boxes["frame"])
+    labelled = frames[filled].groupby(["scene", "route"], sort=False)["timestamp_s"].diff()
+    if (median := labelled.median()) < STEP_S[0] or median > STEP_S[1]:
+        problem = f"from one frame with boxes to the next it is {median:g} s in the median"
+        rows, remedy = filled[log.frames.index].to_numpy(bool), "units.time, or frames.rate_hz"
+        certain = bool(labelled.notna().sum() >= LEAST_BOXES)
+        yield ImplausibleValue("time", "timestamp_s", problem, remedy, certain, rows)
+    if not {*POSE_COLUMNS} <= {*frames.columns}:
+        return
+    dx, dy = (route[axis].diff() for axis in POSE_COLUMNS[:2])
+    length = pd.Series(np.hypot(dx, dy), dx.index)
+    for value, most, unit in (
+        (length[step > 0] / step[step > 0], MOST_SPEED, "m/s"),
+        (length, MOST_STEP_M, "m a frame"),
+    ):
+        if (median := value.median()) > most:
+            problem = f"the vehicle moves by {median:.0f} {unit} in the median"
+            rows = (length[log.frames.index] > 0).to_numpy(bool)
+            certain = bool(value.notna().sum() >= LEAST_BOXES)
+            remedy = "poses.position, poses.file or units.time"
+            yield ImplausibleValue("poses", POSE_COLUMNS[0], problem, remedy, certain, rows)
+            return
 
 
 def implausible_motion(log: BoxLog) -> Iterator[ImplausibleValue]:
@@ -83,14 +120,6 @@ class Steps(NamedTuple):
     sine: NDArray[np.float64]  # |sine| of the angle between motion and length axis
     back: NDArray[np.bool_]  # whether the motion is against the heading
     box: NDArray[np.int64]  # the box at the end of the step, by its place in the log
-
-
-def steps_across(log: BoxLog) -> Steps:
-    """Compute the steps of the vehicles of a log (pedestrians step aside).
-
-    Where the log has poses, motion is that in the world; elsewhere see `_steps_without_poses`."""
-    motion = _steps_by_poses if _has_poses(log) else _steps_without_poses
-    return motion(_pairs(log), OURS)
 
 
 def _compare_conventions(

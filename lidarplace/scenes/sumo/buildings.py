@@ -60,7 +60,7 @@ first, then smaller ones where room is left. Together they line two thirds of a 
 SETBACK_M = (0.5, 4.0)  # from the outer edge of the road, its sidewalk included, to the wall
 VERGE_M = (4.0, 12.0)  # the same for every lane, where there is no sidewalk or the road is broad
 BROAD = 3
-"""From so many lanes one way on a road counts as a highway: houses keep away, and there are none
+"""Lanes one way from which on a road counts as a highway: houses keep away, and there are none
 between its halves."""
 STOREYS = (1, 6)
 STOREY_M = 3.2

@@ -94,7 +94,7 @@ LANE_TYPES = f"""<types>
 <type id="none" priority="0" speed="1.39" width="1" disallow="all" discard="true"/>
 </types>
 """
-"""Who may use a lane, by its type in OpenDRIVE. Lanes for nobody keep the others in their place.
+"""Users of a lane, by its type in OpenDRIVE. Lanes for nobody keep the others in their place.
 By netconvert's own table sidewalks are left out, or open to cars."""
 
 

@@ -1,4 +1,4 @@
-"""When and how a page shows a studio: at once and coarsely while something moves, later fully."""
+"""Drawing of a studio on a page: at once and coarsely while something moves, later fully."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from lidarplace.studio.blind_ground import COUNTED_M, HEIGHTS_M, BlindGround
 from lidarplace.studio.frame_view import MOVING_POINTS, RESTING_POINTS
 from lidarplace.studio.page import tables
-from lidarplace.studio.page.beside import Beside
 from lidarplace.studio.page.editing import Editing
+from lidarplace.studio.page.other_rig import OtherRig
 from lidarplace.studio.page.panel import NO_OBJECT, NOBODY, Panel
 from lidarplace.studio.page.rig_nodes import RigNodes, quaternion
 from lidarplace.studio.page.scene import Scene
@@ -22,14 +22,13 @@ if TYPE_CHECKING:
     import viser
 
 REST_S = 0.25
-"""Nothing has changed for so long: it rests."""
+"""Time without a change after which it rests, seconds."""
 
 
 class Redraw:
     """A thread that draws after each change; changes that come while it draws are drawn together.
 
-    `draw` is called with whether the rig rests, `failed` with what it raised; the thread goes on.
-    """
+    `draw` is called with whether the rig rests, `failed` with what it raised; then it goes on."""
 
     def __init__(self, draw: Callable[[bool], None], failed: Callable[[Exception], None]) -> None:
         self._draw, self._failed = draw, failed
@@ -40,7 +39,7 @@ class Redraw:
         self._thread.start()
 
     def ask(self, resting: bool = True) -> None:
-        """Something has changed; `resting` unless more of it is to come."""
+        """Report a change; `resting` unless more of it is to come."""
         with self._changed:
             self._wanted = resting
             self._changed.notify()
@@ -82,7 +81,7 @@ class Drawing:
         self._studio, self._server, self._panel, self._editing = studio, server, panel, editing
         self._scene = Scene(server, studio.file, studio.roi)
         self._nodes = RigNodes(server, style.COLOURS)
-        self.beside = Beside(studio, server, panel, self._scene)
+        self.other_rig = OtherRig(studio, server, panel, self._scene)
         self._handle = server.scene.add_transform_controls(
             "/handle", scale=1.0, line_width=3.0, depth_test=False, visible=False
         )
@@ -91,15 +90,15 @@ class Drawing:
         self._drawn: object = None  # rig and LiDAR whose solids stand in the scene
 
     def draw(self, resting: bool) -> None:
-        """Draw all that is shown; coarsely unless it rests."""
+        """Draw all that is visible; coarsely unless it rests."""
         studio, panel, rig = self._studio, self._panel, self._studio.rig
-        self._editing.still_there()
-        asked = panel.ground.value
-        if asked == NOBODY:
+        self._editing.choose_existing()
+        group = panel.ground.value
+        if group == NOBODY:
             self._ground = None
-        elif resting or asked in {*HEIGHTS_M, *COUNTED_M}:
-            self._ground = studio.too_little(asked)  # of a requirement slower than a hand
-        self._draw_numbers(resting, asked)
+        elif resting or group in {*HEIGHTS_M, *COUNTED_M}:
+            self._ground = studio.too_little(group)  # of a requirement slower than a hand
+        self._draw_numbers(resting, group)
         self._server.flush()
         self._draw_lidars(resting)
         view, placement = studio.view, studio.placement
@@ -112,7 +111,7 @@ class Drawing:
         self._scene.objects(view.frame.objects, objects)
         panel.unseen.content = tables.unseen_list(objects)
         self._scene.blind(self._ground)
-        self.beside.draw(view, resting)
+        self.other_rig.draw(view, resting)
         if resting:
             panel.violations.content = tables.violations_list(studio.violations())
             ids = view.frame.objects["object_id"].astype(str).tolist()
@@ -122,23 +121,23 @@ class Drawing:
         self._server.flush()
 
     async def _draw_fields(self, objects: list[str]) -> None:
-        """Where edits are heard, too: nothing typed is overwritten before it is read."""
+        """Draw on the event loop of edits: nothing typed is overwritten before it is read."""
         self._panel.show(self._studio, self._editing.chosen)
         self._panel.show_objects(objects)
 
-    def _draw_numbers(self, resting: bool, asked: str) -> None:
-        studio, rig = self._studio, self._studio.begun
-        begun, now = studio.totals(rig), studio.totals()
-        others: list[tables.Row] = [(name, now[name], begun[name], ",.6g") for name in now]
+    def _draw_numbers(self, resting: bool, group: str) -> None:
+        studio, rig = self._studio, self._studio.initial
+        initial, now = studio.totals(rig), studio.totals()
+        others: list[tables.Row] = [(name, now[name], initial[name], ",.6g") for name in now]
         if self._ground is not None:
-            label = "Blind for" if asked in HEIGHTS_M else "Fails:"
-            label = "Less than 2" if asked in COUNTED_M else label
-            others.append((f"{label} {asked}, %", 100 * self._ground.share, None, ".1f"))
+            label = "Blind for" if group in HEIGHTS_M else "Fails:"
+            label = "Less than 2" if group in COUNTED_M else label
+            others.append((f"{label} {group}, %", 100 * self._ground.share, None, ".1f"))
         numbers = studio.numbers(resting), studio.numbers(resting, rig)
         self._panel.numbers.content = tables.numbers_table(*numbers, studio.meter.h_pog, others)
 
     def _draw_lidars(self, resting: bool) -> None:
-        """While one is dragged its own solid alone moves: the rest is as it was."""
+        """Draw all LiDARs; while one is dragged only its own solid moves."""
         rig, chosen = self._studio.rig, self._editing.chosen
         if not resting and chosen is not None:
             self._nodes.move(chosen, rig.mounts[chosen])
@@ -146,7 +145,7 @@ class Drawing:
         if (rig, chosen) == self._drawn:
             return
         self._drawn = rig, chosen
-        wrong = {number for own in self._studio.misplaced() for number in own.lidars}
+        wrong = {number for violation in self._studio.misplaced() for number in violation.lidars}
         with self._server.atomic():
             self._nodes.lidars(rig, rig.models(self._studio.file.lidar), chosen, wrong)
             self._handle.visible = chosen is not None

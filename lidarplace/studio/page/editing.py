@@ -1,4 +1,4 @@
-"""What a person does to the rig on a page: which LiDAR is chosen, and how it changes."""
+"""Edits of the rig on a page: which LiDAR is chosen, and how it changes."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     import viser
 
 ABOVE_M = 0.3
-"""How far above the body a LiDAR is added."""
+"""Height above the body at which a LiDAR is added, metres."""
 
 
 class Editing:
     """Changes the rig of a studio; mistakes are ValueErrors.
+
     `chosen` is the number of the selected LiDAR; another browser may have removed it."""
 
     def __init__(self, studio: Studio, panel: Panel) -> None:
@@ -30,13 +31,13 @@ class Editing:
         self.chosen: int | None = 0 if studio.rig.lidars else None
 
     def one(self) -> int:
-        """The chosen LiDAR. Raises ValueError without any."""
-        self.still_there()
+        """Return the chosen LiDAR. Raises ValueError without any."""
+        self.choose_existing()
         if self.chosen is None:
             raise ValueError("there is no LiDAR; add one")
         return self.chosen
 
-    def still_there(self) -> None:
+    def choose_existing(self) -> None:
         """Choose another LiDAR if the chosen one is gone."""
         number = len(self._studio.rig.lidars)
         if self.chosen is not None and self.chosen >= number:
@@ -60,18 +61,18 @@ class Editing:
         self._studio.pose(self.one(), **{name: float(value)})
 
     def model_to_add(self) -> str | None:
-        """Of a LiDAR that is added; None: the file's."""
+        """Return the model of a LiDAR that is added; None: the file's."""
         return model_named(self._panel.to_add.value)
 
-    def change(self, what: str) -> None:
+    def change(self, button: str) -> None:
         """Press one of the buttons that change which LiDARs there are."""
         studio = self._studio
-        if what == "add":
+        if button == "add":
             top = round(studio.file.vehicle.height + ABOVE_M, 3)
             studio.add(self.model_to_add(), x=0.0, y=0.0, z=top)
         else:
-            getattr(studio, "snap" if what == "to zone" else what)(self.one())
-        if what in ("add", "duplicate", "mirror"):
+            getattr(studio, "snap" if button == "to zone" else button)(self.one())
+        if button in ("add", "duplicate", "mirror"):
             self.choose_last()
 
     def pulled(self, event: viser.TransformControlsEvent) -> bool:
@@ -90,14 +91,14 @@ class Editing:
 
 
 def model_named(name: str) -> str | None:
-    """A model of a field; None: the file's."""
+    """Return the model of a field; None: the file's."""
     return None if name == FROM_FILE else name
 
 
 def dragged(
     before: Mapping[str, float], position: NDArray[np.float64], wxyz: NDArray[np.float64]
 ) -> dict[str, float]:
-    """Coordinates that differ from `before`, all of `POSE`, by more than half a step, rounded.
+    """Return the coordinates of `POSE` that differ from `before` by more than half a step, rounded.
 
     What was not touched is left out, so that it stays as its file has it: also an angle that could
     be written as another, as 180 degrees and -180. `wxyz`, (4,), is the sensor-to-ego rotation."""

@@ -1,8 +1,7 @@
 """A studio in the browser: what a person does on the page reaches the state, and is drawn.
 
 Edits come from the server's event loop and change the state alone; a thread draws it (`Redraw`).
-What takes longer runs on threads of the server's, or in processes. All browsers see the same rigs.
-"""
+What takes longer runs on threads of the server's, or in processes. Browsers see the same rigs."""
 
 from __future__ import annotations
 
@@ -14,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidarplace.studio.page.asking import Asking, Files
 from lidarplace.studio.page.drawing import Drawing, Redraw
 from lidarplace.studio.page.editing import Editing, model_named
+from lidarplace.studio.page.jobs import Files, Jobs
 from lidarplace.studio.page.panel import NO_RIG, Panel, assign
 from lidarplace.studio.page.tables import message
 from lidarplace.studio.studio import Studio
@@ -25,24 +24,23 @@ if TYPE_CHECKING:
     import viser
 
 PLAY_S = 0.2
-"""Between two frames that are played."""
+"""Time between two frames that are played, seconds."""
 
 _Event = Callable[[Any], Coroutine[Any, Any, None]]
 
 
 class Page:
-    """Shows a studio on a server of `lidarplace.studio.page.server.serving`, until `close`.
+    """A studio on a server of `lidarplace.studio.page.server.serving`, until `close`.
 
-    Edits from elsewhere are shown after `refresh`. `scene` is the traffic, for sweeps of the rigs.
-    """
+    Edits from elsewhere are drawn after `refresh`. `scene` is the traffic of sweeps of the rigs."""
 
     def __init__(self, studio: Studio, server: viser.ViserServer, scene: Mapping[str, Any]) -> None:
         self.studio, self._server = studio, server
-        studio.meter  # noqa: B018 - takes seconds, before anybody waits for it
+        studio.prepare()  # takes seconds, before anybody waits for it
         self.panel = Panel(server, studio)
         self.editing = Editing(studio, self.panel)
         self.files = Files(studio, self.panel, scene)
-        self.asking = Asking(studio, self.panel, self.editing, self.files, self._say)
+        self.jobs = Jobs(studio, self.panel, self.editing, self.files, self._say)
         self._drawing = Drawing(studio, server, self.panel, self.editing, self._pulled)
         self._closed = threading.Event()
         self._redraw = Redraw(self._drawing.draw, lambda error: self._say(str(error), False))
@@ -52,10 +50,10 @@ class Page:
         self.refresh()
 
     def close(self) -> None:
-        """Draw no more, and end what runs beside the page."""
+        """Draw no more, and end what runs for the page."""
         self._closed.set()
         self._player.join()
-        self.asking.close()
+        self.jobs.close()
         self._redraw.end()
 
     def refresh(self, resting: bool = True) -> None:
@@ -73,23 +71,23 @@ class Page:
         panel.works.on_update(self._edit(lambda works: studio.enable(one(), works)))
         panel.change.on_click(self._edit(editing.change))
         panel.frame.on_update(self._edit(lambda n: studio.show_frame(studio.frame_numbers[n])))
-        for shown in (panel.cloud, panel.ground, panel.object, panel.beside, panel.apart):
-            shown.on_update(self._edit(lambda _: None))
-        for moved in (panel.beside, panel.apart):
+        for control in (panel.cloud, panel.ground, panel.object, panel.other_rig, panel.apart):
+            control.on_update(self._edit(lambda _: None))
+        for moved in (panel.other_rig, panel.apart):
             moved.on_update(self._turn)
         panel.copy.on_click(self._edit(lambda _: studio.copy_rig(panel.new_rig.value)))
         panel.save.on_click(self._edit(lambda _: self._say(self.files.save())))
         panel.sweep.on_click(self._edit(lambda _: self._say(self.files.sweep())))
         panel.overwrite.on_click(self._edit(lambda _: self._say(self.files.confirm())))
-        panel.cancel.on_click(self._edit(lambda _: self.asking.cancel()))
-        panel.improve.on_click(self._ask(lambda _: self.asking.improve()))
-        panel.add_best.on_click(self._ask(lambda _: self.asking.add_best()))
-        panel.evaluate.on_click(self._ask(lambda _: self.asking.evaluate()))
-        panel.compare.on_click(self._ask(lambda _: self.asking.compare()))
+        panel.cancel.on_click(self._edit(lambda _: self.jobs.cancel()))
+        panel.improve.on_click(self._ask(lambda _: self.jobs.improve()))
+        panel.add_best.on_click(self._ask(lambda _: self.jobs.add_best()))
+        panel.evaluate.on_click(self._ask(lambda _: self.jobs.evaluate()))
+        panel.compare.on_click(self._ask(lambda _: self.jobs.compare()))
         panel.picture.on_click(self._ask(lambda event: send_picture(event.client)))
 
     def _edit(self, act: Callable[[Any], object]) -> _Event:
-        """An event that changes the studio; a mistake is shown on the page."""
+        """Return an event that changes the studio; the page shows a mistake."""
 
         async def done(event: Any) -> None:
             if event.client is None:  # the panel was brought up to date by us
@@ -101,7 +99,7 @@ class Page:
         return done
 
     def _ask(self, act: Callable[[Any], None]) -> Callable[[Any], None]:
-        """An event that takes long, on a thread of the server's: the page goes on meanwhile."""
+        """Return an event that takes long, on a thread of the server's; the page goes on."""
         return lambda event: self._try(act, event)
 
     def _try(self, act: Callable[[Any], object], argument: Any) -> None:
@@ -112,11 +110,11 @@ class Page:
         self.refresh()
 
     async def _turn(self, event: Any) -> None:
-        """The camera of who asked goes along where two rigs come to stand apart, or do no more."""
+        """Turn the camera of the browser in which two rigs come apart, or together again."""
         panel = self.panel
-        other = panel.beside if event.target is panel.apart else panel.apart
+        other = panel.other_rig if event.target is panel.apart else panel.apart
         if event.client is not None and other.value not in (NO_RIG, False):
-            self._drawing.beside.turn_camera(event.client)
+            self._drawing.other_rig.turn_camera(event.client)
 
     async def _pulled(self, event: viser.TransformControlsEvent) -> None:
         goes_on = True
@@ -139,7 +137,7 @@ class Page:
 
 
 PATIENCE_S = 120.0
-"""A browser without a GPU draws slowly; one that has gone draws nothing."""
+"""Time to wait for a picture, seconds: a browser without a GPU draws slowly."""
 
 
 def send_picture(client: viser.ClientHandle) -> None:
@@ -148,10 +146,10 @@ def send_picture(client: viser.ClientHandle) -> None:
 
     try:
         size = client.camera.image_height, client.camera.image_width
-        shown = client.get_render(*size, transport_format="png", timeout=PATIENCE_S)
+        image = client.get_render(*size, transport_format="png", timeout=PATIENCE_S)
     except (TimeoutError, RuntimeError) as error:
         raise ValueError(f"no picture came from the browser: {error}") from None
-    pixels = shown.astype(np.float64)
+    pixels = image.astype(np.float64)
     opacity = pixels[..., 3:] / 255
     on_white = (opacity * pixels[..., :3] + (1 - opacity) * 255).round().astype(np.uint8)
     file = io.BytesIO()

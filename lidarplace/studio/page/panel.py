@@ -1,4 +1,4 @@
-"""The fields of a page: which there are, and what they show of a studio."""
+"""Fields of a page, and what they show of a studio."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidarplace.rigs.catalogue.datasheet import catalogue
 from lidarplace.studio.blind_ground import COUNTED_M, HEIGHTS_M
-from lidarplace.studio.page.tables import left_out, message
+from lidarplace.studio.page.tables import left_out_message, message
 from lidarplace.studio.rig import ANGLES, POSE
 from lidarplace.studio.studio import Studio
 
@@ -19,7 +19,7 @@ NOBODY, NO_OBJECT, NO_RIG = "nobody", "none", "no rig"
 FROM_FILE = "as the file says"
 
 STEPS = dict.fromkeys(POSE[:3], 0.001) | dict.fromkeys(ANGLES, 0.1)
-"""Of number fields and of the handle: metres and degrees."""
+"""Steps of number fields and of the handle: metres and degrees."""
 UNITS = dict.fromkeys(POSE[:3], "m") | dict.fromkeys(ANGLES, "°")
 SHOWN_DIGITS = 4
 
@@ -35,11 +35,11 @@ addEventListener("input", event => {
   field.placeholder = clear ? "" : typed + "?";
 }, true)
 """
-"""Reads 1,0 as 1.0, and empties a field of 1,000.5: the page's own fields drop all commas."""
+"""Script that reads 1,0 as 1.0, and empties a field of 1,000.5: the page's fields drop commas."""
 
 
 class Panel:
-    """Makes the fields on a server."""
+    """Fields of a page on a server."""
 
     def __init__(self, server: viser.ViserServer, studio: Studio) -> None:
         from viser._messages import RunJavascriptMessage
@@ -51,12 +51,12 @@ class Panel:
         self.numbers = gui.add_html("")
         self.violations = gui.add_html("")
         if studio.left_out:
-            gui.add_html(message(left_out(studio)))
+            gui.add_html(message(left_out_message(studio)))
         tabs = gui.add_tab_group()
         with tabs.add_tab("LiDAR"):
             self.lidar = gui.add_dropdown("LiDAR", (NO_LIDAR,))
             steps = STEPS.items()
-            self.pose = {n: gui.add_number(f"{n}, {UNITS[n]}", 0.0, step=own) for n, own in steps}
+            self.pose = {n: gui.add_number(f"{n}, {UNITS[n]}", 0.0, step=step) for n, step in steps}
             models = (FROM_FILE, *catalogue())
             self.model = gui.add_dropdown("model", models)
             self.works = gui.add_checkbox("works", True)
@@ -71,9 +71,9 @@ class Panel:
             self.frame = gui.add_slider("frame", 0, max(1, last), 1, 0, disabled=last == 0)
             self.play = gui.add_checkbox("play", False)
             self.cloud = gui.add_checkbox("points", True)
-            self.beside = gui.add_dropdown("also, in violet", (NO_RIG,))
+            self.other_rig = gui.add_dropdown("also, in violet", (NO_RIG,))
             self.apart = gui.add_checkbox("apart", False)
-            required = (own.name for own in studio.file.settings.requirements)
+            required = (each.name for each in studio.file.settings.requirements)
             ground = (NOBODY, *HEIGHTS_M, *COUNTED_M, *required)
             self.ground = gui.add_dropdown("too little for", ground)
             self.unseen = gui.add_html("")
@@ -104,8 +104,8 @@ class Panel:
         rig, names = studio.rig, [rig.name for rig in studio.rigs]
         _choices(self.rig, names, rig.name)
         others = [name for name in names if name != rig.name]
-        beside = self.beside.value if self.beside.value in others else NO_RIG
-        _choices(self.beside, [NO_RIG, *others], beside)
+        other = self.other_rig.value if self.other_rig.value in others else NO_RIG
+        _choices(self.other_rig, [NO_RIG, *others], other)
         for compared in self.compared:
             _choices(compared, names, compared.value)
         labels = [
@@ -137,5 +137,5 @@ def _choices(field: viser.GuiDropdownHandle[str], choices: Sequence[str], chosen
 
 
 def assign(field: Any, value: object) -> None:
-    """Give a field of the page a value. Its type has a setter that type checkers do not see."""
+    """Set a field of the page; type checkers do not see the setter of its type."""
     field.value = value

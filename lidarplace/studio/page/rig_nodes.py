@@ -19,21 +19,21 @@ if TYPE_CHECKING:
     import viser
 
 SIZE_M = (0.1, 0.1, 0.07)
-"""Of a LiDAR whose size is not known."""
+"""Size of a LiDAR whose size is not known, metres."""
 VIEW_M = 0.6
-"""How far the lines of a field of view reach."""
+"""Length of the lines of a field of view, metres."""
 DEAD = "#bbbbbb"
 
 
 class RigNodes:
-    """Draws one rig, with colours of its LiDARs in turn, `below` a node of the scene."""
+    """Draws one rig, with colours of its LiDARs in turn, below a node of the scene."""
 
-    def __init__(self, server: viser.ViserServer, colours: Sequence[str], below: str = "") -> None:
-        self._scene, self._colours, self._below = server.scene, colours, below
+    def __init__(self, server: viser.ViserServer, colours: Sequence[str], node: str = "") -> None:
+        self._scene, self._colours, self._node = server.scene, colours, node
         self._lidars: list[viser.SceneNodeHandle] = []
         unseen = np.zeros((1, 3))  # a cloud without points cannot be drawn
         self._cloud = self._scene.add_point_cloud(
-            f"{below}/cloud", unseen, unseen, point_size=0.03, point_shading="flat", visible=False
+            f"{node}/cloud", unseen, unseen, point_size=0.03, point_shading="flat", visible=False
         )
 
     def lidars(
@@ -41,15 +41,15 @@ class RigNodes:
     ) -> None:
         """Draw all LiDARs in their size, with what they have in view.
 
-        Lines of the chosen one are thicker; those in `wrong`, which do not keep a constraint, have
-        a cross at their number. None: they have no numbers."""
+        Lines of the chosen one are thicker; those in `wrong`, which violate a limit, have a cross
+        at their number. None: they have no numbers."""
         for node in self._lidars:
             node.remove()
         self._lidars = []
         for number, (mount, lidar) in enumerate(zip(rig.mounts, models, strict=True)):
             works = rig.lidars[number].enabled
             colour = rgb(self._colours[number % len(self._colours)] if works else DEAD)
-            name = f"{self._below}/lidars/{number}"
+            name = f"{self._node}/lidars/{number}"
             pose: dict[str, Any] = {"wxyz": quaternion(mount), "position": mount.position}
             self._lidars.append(self._scene.add_frame(name, show_axes=False, **pose))
             self._scene.add_box(f"{name}/body", colour, lidar.size or SIZE_M, cast_shadow=False)
@@ -78,23 +78,23 @@ class RigNodes:
 
 
 def quaternion(mount: Mount) -> NDArray[np.float64]:
-    """Sensor-to-ego rotation, w first, shape (4,)."""
+    """Return the sensor-to-ego rotation, w first, shape (4,)."""
     return np.asarray(Rotation.from_matrix(mount.rotation).as_quat(scalar_first=True))
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """Red, green and blue of `#rrggbb`."""
+    """Return red, green and blue of `#rrggbb`."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:], 16)
 
 
 def _view(lidar: Lidar) -> NDArray[np.float32]:
-    """Lines of the lowest and the highest beam in the sensor's frame, and where they begin."""
+    """Return lines of the lowest and the highest beam in the sensor's frame, and their starts."""
     low, high = lidar.azimuth
     turns = np.linspace(low, high, 25)
     ends = np.array([min(lidar.elevations), max(lidar.elevations)])
     rings = VIEW_M * unit_vectors(ends, turns).reshape(2, len(turns), 3)
-    found = [line for ring in rings for line in pairwise(ring)]
+    lines = [line for ring in rings for line in pairwise(ring)]
     if not lidar.full_turn:
-        found += [(np.zeros(3), ring[end]) for ring in rings for end in (0, -1)]
-    found.append((np.zeros(3), np.array([VIEW_M, 0.0, 0.0])))
-    return np.array(found, np.float32)
+        lines += [(np.zeros(3), ring[end]) for ring in rings for end in (0, -1)]
+    lines.append((np.zeros(3), np.array([VIEW_M, 0.0, 0.0])))
+    return np.array(lines, np.float32)

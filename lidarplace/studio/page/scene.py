@@ -1,4 +1,4 @@
-"""What stands around the rig in the scene of a page: vehicle, ground, zones and objects."""
+"""Surroundings of the rig in the scene of a page: vehicle, ground, zones and objects."""
 
 from __future__ import annotations
 
@@ -23,10 +23,9 @@ if TYPE_CHECKING:
 
 LANE_M = 3.5
 SENSORS = ("#e8590c", "#fab005", "#82c91e", "#2b8a3e")
-"""Of ground by the number of LiDARs that see it, the last one of three and more."""
+"""Colours of ground by the number of LiDARs that see it, the last one of three and more."""
 UNSEEN = "#e03131"
-EYE, LOOKS_AT = (-6.0, 4.0, 5.0), (1.5, 0.0, 0.8)
-"""Of the camera at the beginning, metres."""
+EYE, LOOKS_AT = (-6.0, 4.0, 5.0), (1.5, 0.0, 0.8)  # of the initial camera, metres
 
 
 class Scene:
@@ -42,32 +41,32 @@ class Scene:
             self._scene.add_label(f"/zones/{number}/name", zone.name, position=(x, y, zone.z[1]))
         server.initial_camera.position, server.initial_camera.look_at = EYE, LOOKS_AT
 
-    def stand(self, below: str) -> None:
+    def stand(self, node: str) -> None:
         """Draw ground and vehicle below a node of the scene."""
-        self._vehicle(below)
+        self._vehicle(node)
         roi = self._roi
-        middle = (0.5 * sum(roi.x), 0.5 * sum(roi.y), -0.01)
+        centre = (0.5 * sum(roi.x), 0.5 * sum(roi.y), -0.01)
         self._scene.add_grid(
-            f"{below}/ground", roi.x[1] - roi.x[0], roi.y[1] - roi.y[0],
-            cell_size=1.0, section_size=10.0, position=middle, cell_color=(225, 228, 232),
+            f"{node}/ground", roi.x[1] - roi.x[0], roi.y[1] - roi.y[0],
+            cell_size=1.0, section_size=10.0, position=centre, cell_color=(225, 228, 232),
             section_color=(190, 196, 204), fade_distance=1000.0,
         )  # fmt: skip
         sides = [side * LANE_M for side in (-1.5, -0.5, 0.5, 1.5)]
         lanes = [[(roi.x[0], y, 0.0), (roi.x[1], y, 0.0)] for y in sides]
-        self._lines(f"{below}/lanes", np.array(lanes), "#8d99a6", 1.5)
+        self._lines(f"{node}/lanes", np.array(lanes), "#8d99a6", 1.5)
         box = between(np.array([[roi.x, roi.y, roi.z]]).swapaxes(1, 2))
-        self._boxes_as_lines(f"{below}/roi", box, style.OUTLINE, 1.0)
+        self._boxes_as_lines(f"{node}/roi", box, style.OUTLINE, 1.0)
 
-    def _vehicle(self, below: str) -> None:
-        body, mesh, kept = self._file.vehicle, self._file.vehicle.mesh, self._file.limits.keep_out
-        own: dict[str, Any] = {"color": (120, 130, 142), "opacity": 1.0, "flat_shading": True}
+    def _vehicle(self, node: str) -> None:
+        body, keep_out = self._file.vehicle, self._file.limits.keep_out
+        look: dict[str, Any] = {"color": (120, 130, 142), "opacity": 1.0, "flat_shading": True}
         if len(body.boxes):
-            self._mesh(f"{below}/vehicle", *triangles(between(body.boxes)), **own)
-        if len(kept):
-            out = own | {"color": (201, 42, 42), "opacity": 0.35}
-            self._mesh(f"{below}/keep_out", *triangles(between(kept)), **out)
-        if mesh is not None:
-            self._mesh(f"{below}/vehicle_mesh", mesh.vertices, mesh.faces, **own)
+            self._mesh(f"{node}/vehicle", *triangles(between(body.boxes)), **look)
+        if len(keep_out):
+            out = look | {"color": (201, 42, 42), "opacity": 0.35}
+            self._mesh(f"{node}/keep_out", *triangles(between(keep_out)), **out)
+        if body.mesh is not None:
+            self._mesh(f"{node}/vehicle_mesh", body.mesh.vertices, body.mesh.faces, **look)
 
     def _mesh(self, name: str, vertices: NDArray[Any], faces: NDArray[Any], **look: Any) -> None:
         self._scene.add_mesh_simple(
@@ -76,7 +75,7 @@ class Scene:
         )  # fmt: skip
 
     def _lines(self, name: str, segments: NDArray[np.floating], colour: str, width: float) -> None:
-        """Segments of shape (n, 2, 3)."""
+        """Draw segments of shape (n, 2, 3)."""
         if len(segments):
             self._scene.add_line_segments(
                 name, segments.astype(np.float32), rgb(colour), thickness=width,
@@ -90,22 +89,22 @@ class Scene:
         pairs = np.stack([line[:-1], line[1:]], axis=1)
         self._lines(name, pairs[np.isfinite(pairs).all(axis=(1, 2))], colour, width)
 
-    def objects(self, boxes: pd.DataFrame, objects: pd.DataFrame, below: str = "") -> None:
+    def objects(self, boxes: pd.DataFrame, objects: pd.DataFrame, node: str = "") -> None:
         """Draw boxes below a node; those of `FrameView.objects` that no LiDAR sees in thick red."""
         unseen = boxes.index.isin(objects.index[objects["points"] == 0])
         missed = pd.Series(unseen, boxes.index)
-        shown = [(n, (boxes["class"] == n) & ~missed, c, 1.5) for n, c in style.CLASSES.items()]
-        for name, own, colour, width in (*shown, ("unseen", missed, UNSEEN, 3.0)):
-            rows = boxes.loc[own, list(GEOMETRY)].to_numpy(np.float64)
-            self._boxes_as_lines(f"{below}/objects/{name}", rows, colour, width)
+        classes = [(n, (boxes["class"] == n) & ~missed, c, 1.5) for n, c in style.CLASSES.items()]
+        for name, mask, colour, width in (*classes, ("unseen", missed, UNSEEN, 3.0)):
+            rows = boxes.loc[mask, list(GEOMETRY)].to_numpy(np.float64)
+            self._boxes_as_lines(f"{node}/objects/{name}", rows, colour, width)
 
     def blind(self, ground: BlindGround | None) -> None:
         """Draw the cells of the ground in which too little is seen, or all by their sensors."""
         for number, colour in enumerate(SENSORS):
             name, middles = f"/blind/{number}", np.empty((0, 2))
             if ground is not None and ground.sensors is not None:
-                own = np.minimum(ground.sensors, len(SENSORS) - 1) == number
-                middles = ground.middles[own]
+                cells = np.minimum(ground.sensors, len(SENSORS) - 1) == number
+                middles = ground.middles[cells]
             elif ground is not None and number == 0:
                 middles = ground.middles
             if len(middles):
@@ -125,7 +124,7 @@ class Scene:
 
 
 def _prism(zone: Zone) -> NDArray[np.float64]:
-    """The edges of a zone, shape (n, 2, 3)."""
+    """Return the edges of a zone, shape (n, 2, 3)."""
     low, high = zone.z
     sides = list(zip(zone.polygon, (*zone.polygon[1:], zone.polygon[0]), strict=True))
     rings = [[(*a, z), (*b, z)] for a, b in sides for z in (low, high)]

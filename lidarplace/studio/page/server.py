@@ -1,7 +1,6 @@
-"""The server of a page: on this machine alone, for pages of its own address, and without a way out.
+"""Server of a page: on this machine alone, for pages of its own address, and without a way out.
 
-viser has no hook to reject a request, so the listening call that it makes is replaced at its start.
-"""
+viser has no hook to reject a request, so the listening call that it makes is replaced at start."""
 
 from __future__ import annotations
 
@@ -27,14 +26,14 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 FIRST_PORT = 8080
 NAMES = re.compile(r"(127\.0\.0\.1|localhost)(:\d+)?")
-"""What a browser on this machine calls it, with any port that is forwarded to the server's."""
+"""Names of this machine in a browser on it, with any port that is forwarded to the server's."""
 
 _Answer = Callable[["ServerConnection", "Request"], "Response | None"]
 
 
 @contextmanager
 def serving(port: int | None, title: str) -> Iterator[tuple[viser.ViserServer, str]]:
-    """A server that listens while the block runs, and its address, which holds a secret.
+    """Start a server that listens while the block runs; yield it and its address, a secret.
 
     None is FIRST_PORT or the next free one. Raises ValueError: the port is taken, or requests to
     this version of viser cannot be checked."""
@@ -42,9 +41,10 @@ def serving(port: int | None, title: str) -> Iterator[tuple[viser.ViserServer, s
     from websockets.asyncio import server as websockets_server
 
     class Local(viser.ViserServer):
-        """Any page can ask for a public address of the server; it gets none."""
+        """A server without a public address, which any page could request."""
 
         def request_share_url(self, verbose: bool = True) -> str | None:
+            """Return no address."""
             return None
 
     token, listen = secrets.token_urlsafe(), websockets_server.serve
@@ -73,7 +73,7 @@ def serving(port: int | None, title: str) -> Iterator[tuple[viser.ViserServer, s
 def _answer(
     token: str, viser_answer: _Answer, connection: ServerConnection, request: Request
 ) -> Response | None:
-    """What viser answers to who knows the token; a connection needs the page's own origin, too.
+    """Return what viser answers to a request with the token and, to connect, the page's own origin.
 
     A page from elsewhere does not know the token, and one whose name was bound to this machine
     (DNS rebinding) says that name as its host. viser's page connects to the path that it is at."""

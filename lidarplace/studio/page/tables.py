@@ -1,4 +1,4 @@
-"""What the panel says in HTML: numbers, violations and answers."""
+"""HTML of the panel: numbers, violations and answers."""
 
 import html
 import math
@@ -15,7 +15,7 @@ from lidarplace.studio.why_unseen import AimedRays
 DASH = "–"
 
 Row = tuple[str, float, float | None, str]
-"""Label, value, value at the beginning if it is known, and their format."""
+"""Label, value, initial value if there is one, and their format."""
 
 _STYLE = "font-size:0.85em; line-height:1.35; padding:0.2em 1em 0.2em 0.6em"
 _APART = "padding-bottom:0.8em"  # from the tabs that follow
@@ -23,17 +23,17 @@ _CELL = "text-align:right; white-space:nowrap; padding-left:0.5em"
 
 
 def numbers_table(
-    now: Numbers, begun: Numbers, h_pog: Mapping[str, float], others: Sequence[Row]
+    now: Numbers, initial: Numbers, h_pog: Mapping[str, float], others: Sequence[Row]
 ) -> str:
-    """Values, and the difference to the rig as it began; `h_pog` is by class, nats."""
+    """Return values, and the difference to the initial rig; `h_pog` is by class, nats."""
     total = sum(h_pog.values()) or math.nan
-    shares = [100 * sum(own.covered_entropy.values()) / total for own in (now, begun)]
+    shares = [100 * sum(numbers.covered_entropy.values()) / total for numbers in (now, initial)]
     rows: list[Row] = [
-        ("S-MIG, nats", sum(now.s_mig.values()), sum(begun.s_mig.values()), ",.2f"),
+        ("S-MIG, nats", sum(now.s_mig.values()), sum(initial.s_mig.values()), ",.2f"),
         ("Covered entropy, %", shares[0], shares[1], ".2f"),
     ]
     rows += [
-        (f"Expected recall {name}", value, begun.expected_recall[name], ".4f")
+        (f"Expected recall {name}", value, initial.expected_recall[name], ".4f")
         for name, value in now.expected_recall.items()
     ]
     body = "".join(_row(*row) for row in [*rows, *others])
@@ -47,8 +47,8 @@ def numbers_table(
     )
 
 
-def _row(label: str, now: float, begun: float | None, form: str) -> str:
-    change = DASH if begun is None else _text(now - begun, f"+z{form}")
+def _row(label: str, now: float, initial: float | None, form: str) -> str:
+    change = DASH if initial is None else _text(now - initial, f"+z{form}")
     key = label.partition(",")[0].lower().replace(" ", "-")
     return (
         f'<tr data-row="{html.escape(key)}"><td>{html.escape(label)}</td>'
@@ -69,36 +69,38 @@ def _lines(texts: Iterable[str]) -> str:
     return "".join(f"<div>{html.escape(text)}</div>" for text in texts)
 
 
-def left_out(studio: Studio) -> str:
-    """Which classes of the log have no numbers."""
+def left_out_message(studio: Studio) -> str:
+    """Name the classes of the log that have no numbers."""
     return (
         f"classes of the log in no number, sweep or evaluation: {', '.join(studio.left_out)}; "
         f"expected {', '.join(studio.classes)}"
     )
 
 
-def violations_list(found: Sequence[ReportedViolation]) -> str:
-    """What is not kept, or that all is."""
-    if not found:
+def violations_list(violations: Sequence[ReportedViolation]) -> str:
+    """List what is violated, or say that all constraints are kept."""
+    if not violations:
         return _box("✓ all constraints are kept", f"; {_APART}; color:#2b8a3e")
-    return _box(_lines(f"✗ {one.text}" for one in found), f"; {_APART}; color:#c92a2a")
+    return _box(
+        _lines(f"✗ {violation.text}" for violation in violations), f"; {_APART}; color:#c92a2a"
+    )
 
 
 def unseen_list(objects: pd.DataFrame) -> str:
-    """How many of the objects of a frame that count no LiDAR sees, and which."""
+    """Count the objects of a frame that count and that no LiDAR sees, and name them."""
     unseen = objects[objects["points"] == 0]
-    told = f"{len(unseen)} of {len(objects)} objects that count are seen by no LiDAR"
+    text = f"{len(unseen)} of {len(objects)} objects that count are seen by no LiDAR"
     if len(unseen):
-        told += ": " + ", ".join(map(str, unseen["object_id"]))
-    return _box(html.escape(told))
+        text += ": " + ", ".join(map(str, unseen["object_id"]))
+    return _box(html.escape(text))
 
 
 def object_answer(objects: pd.DataFrame, chosen: str, rays: Sequence[AimedRays]) -> str:
-    """What is seen of an object, and what becomes of the rays that aim at it, by LiDAR."""
-    own = objects[objects["object_id"].astype(str) == chosen]
+    """Describe what is seen of an object, and what happens to rays that aim at it, by LiDAR."""
+    rows = objects[objects["object_id"].astype(str) == chosen]
     lines = ["It does not count: it is hidden from above the vehicle, too, or outside of the ROI."]
-    if len(own):
-        row = own.iloc[0]
+    if len(rows):
+        row = rows.iloc[0]
         away = float(np.hypot(row["x"], row["y"]))
         lines = [
             f"{row['class']}, {away:.1f} m away: {row['points']:,} points on {row['cells']:,} "
@@ -107,10 +109,10 @@ def object_answer(objects: pd.DataFrame, chosen: str, rays: Sequence[AimedRays])
     return _box(_lines([*lines, *(f"LiDAR {n}: {one.text}." for n, one in enumerate(rays))]))
 
 
-def evaluation_tables(found: Mapping[str, pd.DataFrame]) -> str:
-    """AP and recall of every rig, from `found_by_sweep`, with the ends of their intervals."""
+def evaluation_tables(results: Mapping[str, pd.DataFrame]) -> str:
+    """Return AP and recall of each rig, from `found_by_sweep`, with their intervals."""
     rows = []
-    for metric, table in found.items():
+    for metric, table in results.items():
         rows.append(f'<tr><td colspan="2" style="opacity:0.6">{html.escape(metric)}, %</td></tr>')
         for name, row in table.sort_values("mean", ascending=False).iterrows():
             mean, low, high = (_text(float(row[end]), ".1f") for end in ("mean", "low", "high"))
@@ -122,10 +124,10 @@ def evaluation_tables(found: Mapping[str, pd.DataFrame]) -> str:
 
 
 def progress(lines: Sequence[str]) -> str:
-    """What a command has printed last."""
+    """Return the last lines that a command printed."""
     return _box(_lines(lines or ["starts …"]), "; font-family:monospace; overflow-wrap:anywhere")
 
 
 def message(text: str, good: bool = True) -> str:
-    """A line of the page to the person."""
+    """Return a line of the page for the person."""
     return _box(html.escape(text), f"; color:{'inherit' if good else '#c92a2a'}")

@@ -1,4 +1,4 @@
-"""What each LiDAR of a grid has by itself of every requirement: the numbers of the programme."""
+"""Shares of every requirement that each LiDAR of a grid has alone: the numbers of the programme."""
 
 import itertools
 import math
@@ -22,13 +22,13 @@ from lidarplace.requirements.rays_on_objects import (
     sights_of,
 )
 from lidarplace.requirements.requirement import AS_BUILT, KIND_OF, may_fail
-from sweeps.search.problem.assess import Question
-from sweeps.search.problem.choice import Choice, placement_of
+from sweeps.search.problem.assess import Criteria
 from sweeps.search.problem.constraints import Carrier, requirement_name
+from sweeps.search.problem.rig import MountedLidar, placement_of
 
 _MOST_BYTES = 4e9
 _WHOLE = 255
-"""Of `Block.missed`: surely missed."""
+"""Value of `Block.missed` for a part that is surely missed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,16 +39,16 @@ class Block:
     sums and unions of these numbers are never below what a rig has.
 
     Attributes:
-        key, name: of the requirement and case, and of the constraint.
-        alone: what each of L LiDARs has of each object, a share of what is needed, shape (L, R).
-        missed: probability in 255ths that it misses each of C parts of the object, rounded down,
-            shape (L, R, C); None where numbers of LiDARs simply add up.
+        key: of the requirement and case.
+        name: of the constraint.
+        alone: share of the need of each object that each of L LiDARs has alone, shape (L, R).
+        missed: probability in 255ths that a LiDAR misses each of C parts of the object, rounded
+            down, shape (L, R, C); None where numbers of LiDARs simply add up.
         needed: number of parts.
         position: of each object; the objects of a position are its headings.
-        may_fail: so many positions may have too little.
-        dead: it has to hold without any so many LiDARs, too.
-        sensors: so many LiDARs have to have it, each by itself; 0: all together.
-    """
+        may_fail: number of positions that may have too little.
+        dead: number of LiDARs without any of which it has to hold, too.
+        sensors: number of LiDARs that have to have enough, each by itself; 0: all together."""
 
     key: tuple[int, str, str]
     name: str
@@ -61,13 +61,13 @@ class Block:
     sensors: int
 
     def nothing(self) -> NDArray[np.float64]:
-        """What no LiDAR has: the state to which `plus` adds."""
+        """Return the state without LiDARs, to which `plus` adds."""
         if self.missed is None:
             return np.zeros(self.alone.shape[1])
         return np.ones(self.missed.shape[1:])
 
     def plus(self, state: NDArray[np.float64], lidars: Iterable[int]) -> NDArray[np.float64]:
-        """The state with further LiDARs."""
+        """Return the state with further LiDARs."""
         for lidar in lidars:
             if self.missed is None:
                 state = state + self.alone[lidar]
@@ -76,18 +76,19 @@ class Block:
         return state
 
     def shares(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of what is needed, shape (R,)."""
+        """Return shares of the need, shape (R,)."""
         if self.missed is None:
             return state
         return np.asarray((1.0 - state).sum(axis=1) / self.needed)
 
     def of(self, lidars: Iterable[int]) -> NDArray[np.float64]:
-        """What LiDARs have together, shape (R,)."""
+        """Return the shares that LiDARs have together, shape (R,)."""
         return self.shares(self.plus(self.nothing(), lidars))
 
     def gains(self, row: int, lidars: Sequence[int]) -> tuple[float, NDArray[np.float64]]:
-        """A row that every rig keeps: what LiDARs have of an object, and what each one adds to it
-        at most, shape (L,); where numbers add up, without any of the LiDARs."""
+        """Return a row that every rig keeps: the share of LiDARs, and what each adds at most, (L,).
+
+        Where numbers add up, the share is 0, and gains do not depend on the LiDARs."""
         if self.missed is None:
             return 0.0, self.alone[:, row].astype(np.float64)
         left = np.prod(self.missed[list(lidars), row] / _WHOLE, axis=0)
@@ -96,61 +97,62 @@ class Block:
         return float((1.0 - left).sum() / self.needed), gains
 
     def short(self, shares: NDArray[np.float64], level: float) -> NDArray[np.intp]:
-        """Objects with less than `level` of what is needed; none if so many positions may."""
+        """Return objects with less than `level` of the need; none if so many positions may fail."""
         rows = np.flatnonzero(shares < level)
         return rows if len(np.unique(self.position[rows])) > self.may_fail else rows[:0]
 
 
-def blocks_of(lidars: Sequence[Choice], question: Question) -> list[Block]:
-    """Look at each LiDAR by itself, as built and in every case but mounts that are off. What a
-    drawn rig has depends on the order of its LiDARs, so the judge alone knows it. Raises
+def blocks_of(lidars: Sequence[MountedLidar], criteria: Criteria) -> list[Block]:
+    """Compute the blocks of each LiDAR, as built and in every case but mounts that are off.
+
+    What a drawn rig has depends on the order of its LiDARs, so only exact checks know it. Raises
     ValueError: the numbers need too much memory."""
-    carrier, number = question.carrier, len(lidars)
-    found: dict[tuple[int, str, str], list[NDArray[Any]]] = {}
-    asked = list(filter(_adds_up, carrier.requirements))
+    carrier, by_case = criteria.carrier, dict[tuple[int, str, str], list[NDArray[Any]]]()
+    layouts = list(filter(_adds_up, carrier.requirements))
     for lidar in lidars:
         rig = placement_of((lidar,), carrier.models)
-        for key, values in _of_one(rig, asked, carrier.vehicle):
-            found.setdefault(key, []).append(values)
-        size = number * sum(own[0].nbytes for own in found.values())
+        for key, values in _of_one(rig, layouts, carrier.vehicle):
+            by_case.setdefault(key, []).append(values)
+        size = len(lidars) * sum(values[0].nbytes for values in by_case.values())
         if size > _MOST_BYTES:
-            most, there = (f"{own / 1e9:.0f} GB" for own in (_MOST_BYTES, size))
-            problem = f"too many candidates: numbers of {number:,} LiDARs"
+            most, needed = (f"{number / 1e9:.0f} GB" for number in (_MOST_BYTES, size))
+            problem = f"too many candidates: numbers of {len(lidars):,} LiDARs"
             fix = "enlarge position_step or angle_step_deg, or step of the requirements"
             raise InputError(
-                problem, key="search.greedy", expected=f"at most {most}", found=there, fix=fix
+                problem, key="search.greedy", expected=f"at most {most}", found=needed, fix=fix
             )
-    return [_block(key, asked[key[0]], np.array(own), carrier) for key, own in found.items()]
+    every = by_case.items()
+    return [_block(key, layouts[key[0]], np.array(values), carrier) for key, values in every]
 
 
-def _adds_up(laid: RequirementLayout) -> bool:
-    """Whether a requirement is of LiDARs one by one; others the judge alone knows."""
-    wanted = laid.requirement
+def _adds_up(layout: RequirementLayout) -> bool:
+    """Return whether a requirement is of LiDARs one by one; others need exact checks."""
+    wanted = layout.requirement
     return wanted.common_view is None and not wanted.needs and wanted.measure not in KIND_OF
 
 
 def _of_one(
-    rig: Placement, asked: Sequence[RequirementLayout], vehicle: Vehicle
+    rig: Placement, layouts: Sequence[RequirementLayout], vehicle: Vehicle
 ) -> Iterator[tuple[tuple[int, str, str], NDArray[Any]]]:
-    """Requirement, case, and what a single LiDAR has of objects, or misses of their parts."""
+    """Yield requirement, case, and what a single LiDAR has of objects, or misses of their parts."""
     sights: dict[tuple[Placement, str], list[Sight]] = {}
     poses = vehicle.poses.items()
-    for number, own in enumerate(asked):
-        wanted = own.requirement
+    for number, layout in enumerate(layouts):
+        wanted = layout.requirement
         variants = replace(wanted.also_when, mounts_off=None).variants(rig).items()
         for (pose, body), (case, variant) in itertools.product(poses, variants):
             key = number, pose, case
-            if own.roi is not None:
-                inside = voxels_in_body(body, own.roi)[own.positions.held]
+            if layout.roi is not None:
+                inside = voxels_in_body(body, layout.roi)[layout.positions.held]
                 if not inside.all():
-                    seen = seen_voxels(variant, body, own.roi)[own.positions.held]
+                    seen = seen_voxels(variant, body, layout.roi)[layout.positions.held]
                     yield key, np.where(seen.reshape(1, -1), 0, _WHOLE).astype(np.uint8)
                 continue
             assert wanted.placed is not None
             if (variant, pose) not in sights:
                 sights[variant, pose] = sights_of(variant, body)
             at = at_class(sights[variant, pose], variant, wanted.placed.object_class)
-            boxes, light = own.boxes_in(pose), wanted.placed.reflectivity
+            boxes, light = layout.boxes_in(pose), wanted.placed.reflectivity
             boxes = boxes[~np.isnan(boxes[:, :, 0])]
             if len(boxes) and wanted.measure == "points":
                 yield key, count_points(at, boxes, light)[:, 0].astype(np.float32)
@@ -160,13 +162,14 @@ def _of_one(
 
 
 def _block(
-    key: tuple[int, str, str], own: RequirementLayout, values: NDArray[Any], carrier: Carrier
+    key: tuple[int, str, str], layout: RequirementLayout, values: NDArray[Any], carrier: Carrier
 ) -> Block:
-    wanted = own.requirement
-    objects, needed = np.nonzero(~np.isnan(own.boxes_in(key[1])[:, :, 0]))[1], wanted.least
+    wanted = layout.requirement
+    objects, needed = np.nonzero(~np.isnan(layout.boxes_in(key[1])[:, :, 0]))[1], wanted.least
     positions = len(np.unique(objects))
-    if own.roi is not None:
-        inside = voxels_in_body(carrier.vehicle.poses[key[1]], own.roi)[own.positions.held]
+    if layout.roi is not None:
+        body = carrier.vehicle.poses[key[1]]
+        inside = voxels_in_body(body, layout.roi)[layout.positions.held]
         objects, positions, needed = np.zeros(1, int), 1, wanted.least * float((~inside).sum())
     elif wanted.curve is not None:
         left = 1.0 - wanted.least / wanted.curve.most  # as many cells as leave so much
@@ -174,7 +177,7 @@ def _block(
     missed = values if values.ndim == 3 else None
     alone = values if missed is None else 1.0 - missed.mean(axis=2) / _WHOLE
     alone = alone * np.float32((1 if missed is None else missed.shape[2]) / needed)
-    sensors = wanted.sensors or 0 if own.roi is None else 0
+    sensors = wanted.sensors or 0 if layout.roi is None else 0
     if sensors:  # each by itself
         alone, missed = (alone >= 1.0 - 1e-6) / np.float32(sensors), None
     also = wanted.also_when

@@ -29,24 +29,23 @@ limit on the cost, prove how many LiDARs such a rig has at least.
 import itertools
 import math
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
-from lidarplace.requirements.check_requirements import RequirementResult
-from sweeps.configuration.search import TOTALS
+from sweeps.configuration.objective import TOTALS
 from sweeps.search.cheapest.blocks import Block, blocks_of
+from sweeps.search.cheapest.cheapest_rig import TOLERANCE, CheapestResult, Recall, reaches
 from sweeps.search.cheapest.programme import Position, Programme, Row
+from sweeps.search.cheapest.rig_check import RigCheck, check_rig, cost_of
 from sweeps.search.greedy.candidates import candidates_of, check_grid, limits_of
-from sweeps.search.problem.choice import Choices, is_possible, ordered
-from sweeps.search.problem.constraints import Constraint, measures_of, requirement_name
-from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.constraints import Constraint, requirement_name
+from sweeps.search.problem.problem import SearchProblem
+from sweeps.search.problem.rig import Rig, ordered
 
-_TOLERANCE = 1e-6
-"""Shares of what is needed: the solver's rounding."""
 _AT_ONCE = 12
 """Rows of a requirement that are added in a round."""
 _SPARE_SECONDS = 5.0
@@ -54,74 +53,12 @@ _GROWING = ("blind_lidars", "body_share")
 """Constraints that further LiDARs can only break more."""
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What the judge says of a rig: constraints that it breaks, outcomes of requirements, and the
-    least that one of these has of what it needs; infinite without any."""
+def check(problem: SearchProblem) -> str:
+    """Check that there is a choice; return a line about it.
 
-    broken: tuple[Constraint, ...]
-    outcomes: tuple[RequirementResult, ...]
-    margin: float
-
-
-def verdict_of(rig: Choices, problem: Problem) -> Verdict:
-    """Judge a rig, with LiDARs that hide each other."""
-    question, carrier = problem.question, problem.question.carrier
-    if not is_possible(rig):
-        return Verdict(question.constraints, (), 0.0)
-    outcomes = carrier.judged(rig)
-    values = {requirement_name(own.requirement.name): own.worst.value for own in outcomes}
-    others = [c for c in question.constraints if c.name not in values]
-    values |= measures_of(rig, others, carrier)
-    broken = tuple(c for c in question.constraints if c.violation(values[c.name]) > 0)
-    margins = (own.worst.value / own.requirement.least for own in outcomes)
-    return Verdict(broken, tuple(outcomes), min(margins, default=math.inf))
-
-
-@dataclass(frozen=True)
-class Chosen:
-    """The cheapest rig that was found; None: there is none.
-
-    Attributes:
-        cost, bound: what it costs, and what every rig of the grid costs at least; infinite where
-            none meets everything.
-        fewest: LiDARs that every rig of the grid with that cost has at least; 0: not known.
-        closest: the rig that was judged to lack least.
-        value: of the detector, percent; None if it was not asked.
-        counts: of candidates, objects, rounds, rows, cuts and rigs judged.
-    """
-
-    rig: Choices | None
-    cost: float
-    bound: float
-    fewest: float
-    closest: Choices | None
-    seconds: float
-    value: float | None = None
-    counts: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def gap(self) -> float:
-        """By which share of its cost the rig may be dearer than the cheapest; 0: proven."""
-        if _reaches(self.bound, self.cost):
-            return 0.0
-        return 1.0 - max(self.bound, 0.0) / self.cost if self.cost < math.inf else math.inf
-
-
-def _reaches(bound: float, cost: float) -> bool:
-    """Whether no rig is cheaper."""
-    return bound >= cost - _TOLERANCE * max(1.0, abs(cost))
-
-
-Recall = Callable[[Choices], float]
-"""What a detector finds with a rig, percent."""
-
-
-def check(problem: Problem) -> str:
-    """Whether there is something to choose from. Returns what will be chosen, a line. Raises
-    ValueError: the search has no grid or too large a one, no requirement, or what its LiDARs cost
-    is not known."""
-    search, carrier, file = problem.file.search, problem.question.carrier, problem.path
+    Raises ValueError: the search has no grid or too large a one, no requirement, or the costs of
+    its LiDARs are not known."""
+    search, carrier, file = problem.file.search, problem.criteria.carrier, problem.path
     if search.greedy is None:
         grid = "a grid in zones, such as greedy: {position_step: 0.5}"
         raise InputError(place=file, key="search.greedy", expected=grid, found="none")
@@ -131,8 +68,8 @@ def check(problem: Problem) -> str:
         costs = [carrier.totals[by][model] for model in problem.space.models]
         if any(map(math.isnan, costs)) or not any([*costs, *carrier.mount_prices.values()]):
             key, expected = "search.cheapest.by", f"search.models with a {by} of each"
-            found = dict(zip(problem.space.models, costs, strict=True))
-            raise InputError(place=file, key=key, expected=expected, found=found)
+            unknown = dict(zip(problem.space.models, costs, strict=True))
+            raise InputError(place=file, key=key, expected=expected, found=unknown)
     mounts = check_grid(problem)
     low, high = problem.space.numbers
     return (
@@ -141,44 +78,45 @@ def check(problem: Problem) -> str:
     )
 
 
-def cheapest(problem: Problem, recall: Recall | None = None) -> Chosen:
-    """Choose from the grid of the search, for at most `search.cheapest.seconds`. `recall`: has to
-    be at least `search.cheapest.recall`; None: it is not asked for. Raises ValueError: the grid is
-    too large."""
+def cheapest(problem: SearchProblem, recall: Recall | None = None) -> CheapestResult:
+    """Choose from the grid of the search, for at most `search.cheapest.seconds`.
+
+    `recall`: has to be at least `search.cheapest.recall`; None: no limit. Raises ValueError: the
+    grid is too large."""
     start = time.monotonic()
     candidates = candidates_of(problem)
     if not candidates:
-        return Chosen(None, math.inf, math.inf, 0, None, time.monotonic() - start)
+        return CheapestResult(None, math.inf, math.inf, 0, None, time.monotonic() - start)
     work = _Work(problem, candidates, recall)
     proven = work.run()
-    rig, closest = (None if own is None else work.rig(own) for own in (work.best, work.closest))
+    rig, closest = (n if n is None else work.rig(n) for n in (work.best, work.closest))
     counts = {
         "candidates": len(candidates),
         "objects": sum(block.alone.shape[1] for block in work.blocks),
         "rounds": work.rounds,
         "rows": len(work.programme.rows),
         "cuts": len(work.programme.cuts),
-        "judged": len(work.judged),
+        "judged": len(work.checks),
     }
     seconds = time.monotonic() - start
     value = None if work.best is None else work.values.get(work.best)
-    return Chosen(rig, *proven, closest, seconds, value, counts)
+    return CheapestResult(rig, *proven, closest, seconds, value, counts)
 
 
 @dataclass(eq=False)
 class _Work:
     """The rounds. `chosen` are numbers of candidates throughout."""
 
-    problem: Problem
-    candidates: Sequence[Choices]
+    problem: SearchProblem
+    candidates: Sequence[Rig]
     recall: Recall | None
     best: tuple[int, ...] | None = None
     closest: tuple[int, ...] | None = None
     bound: float = -math.inf
     rounds: int = 0
-    judged: dict[tuple[int, ...], Verdict] = field(default_factory=dict)
+    checks: dict[tuple[int, ...], RigCheck] = field(default_factory=dict)
     values: dict[tuple[int, ...], float] = field(default_factory=dict)
-    known: set[tuple[object, ...]] = field(default_factory=set)
+    row_keys: set[tuple[object, ...]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         problem, by = self.problem, self.problem.file.search.cheapest.by
@@ -187,12 +125,12 @@ class _Work:
         self.owner = np.repeat(np.arange(len(sizes)), sizes)
         spots = np.array([lidar.mount.position for lidar in lidars])
         self.place = np.unique(spots, axis=0, return_inverse=True)[1].ravel()
-        self.blocks = blocks_of(lidars, problem.question)
+        self.blocks = blocks_of(lidars, problem.criteria)
         limits, least = limits_of(self.candidates, problem)
         assert limits.compatible is not None
         self.compatible = limits.compatible
         fixed = problem.space.fixed
-        base = problem.question.carrier.beside[by] if by in TOTALS else 0.0
+        base = problem.criteria.carrier.further_totals[by] if by in TOTALS else 0.0
         self.programme = Programme(
             np.array([cost_of(rig, problem) - base for rig in self.candidates]),
             sizes.astype(float),
@@ -208,28 +146,31 @@ class _Work:
 
     @property
     def cost(self) -> float:
+        """Cost of the best rig so far."""
         return math.inf if self.best is None else self.programme.cost(self.best)
 
     @property
     def left(self) -> float:
-        """Seconds."""
+        """Seconds left."""
         return self.deadline - time.monotonic()
 
-    def rig(self, chosen: Iterable[int]) -> Choices:
+    def rig(self, chosen: Iterable[int]) -> Rig:
         return ordered(lidar for i in chosen for lidar in self.candidates[i])
 
     def lidars(self, chosen: Sequence[int]) -> list[int]:
-        """Numbers of their LiDARs."""
+        """Return the numbers of the LiDARs of candidates."""
         return np.flatnonzero(np.isin(self.owner, list(chosen))).tolist()
 
     def run(self) -> tuple[float, float, float]:
-        """Cost and bound of the cheapest rig, then the fewest LiDARs at that cost; see `Chosen`."""
+        """Return cost and bound of the cheapest rig, then the fewest LiDARs at that cost.
+
+        See `CheapestResult`."""
         self.add_rows(())
         if not self.greedy(by_cost=True):
             self.greedy(by_cost=False)
         self.minimise()
         cost, bound = self.cost, self.bound
-        if self.best is None or not _reaches(bound, cost):
+        if self.best is None or not reaches(bound, cost):
             return cost, bound, 0.0
         if self.problem.file.search.cheapest.by != "lidars":
             self.programme, self.bound = self.programme.of_number(cost), 0.0
@@ -237,38 +178,39 @@ class _Work:
         return cost, bound, self.bound
 
     def minimise(self) -> None:
-        """Solve, look, add, until a rig is as cheap as the programme, or time is up."""
-        while self.left > 0 and not _reaches(self.bound, self.cost):
+        """Solve, check, add rows, until a rig is as cheap as the programme, or time is up."""
+        while self.left > 0 and not reaches(self.bound, self.cost):
             self.rounds += 1
-            found = self.programme.solve(self.left)
-            self.bound = max(self.bound, found.bound)
-            if _reaches(self.bound, self.cost) or found.chosen is None:
+            solution = self.programme.solve(self.left)
+            self.bound = max(self.bound, solution.bound)
+            if reaches(self.bound, self.cost) or solution.chosen is None:
                 break
-            if self.add_rows(found.chosen, found.failing):
+            if self.add_rows(solution.chosen, solution.failing):
                 continue
-            if self.accept(found.chosen):
+            if self.accept(solution.chosen):
                 self.programme.exactly = True
             else:
-                self.try_others(self.programme.cost(found.chosen))
+                self.try_others(self.programme.cost(solution.chosen))
         self.bound = min(self.bound, self.cost)
 
     def greedy(self, by_cost: bool) -> bool:
-        """A rig to begin with: one candidate after the other, the one that adds most, for its cost
-        or whatever it costs. Returns whether the judge accepts it. Of an object a LiDAR counts up
-        to what is needed, and as many as may be dead and one more."""
-        own, chosen = self.programme, np.flatnonzero(self.programme.fixed).tolist()
+        """Find a rig to begin with: one candidate after the other, the one that adds most.
+
+        `by_cost`: for its cost. Returns whether the rig passes the exact check. Of an object a
+        LiDAR counts up to the need, and as many as may be dead and one more."""
+        programme, chosen = self.programme, np.flatnonzero(self.programme.fixed).tolist()
         parts = [np.minimum(block.alone, 1.0) for block in self.blocks]
-        may = ~own.fixed & self.compatible[chosen].all(axis=0)
+        may = ~programme.fixed & self.compatible[chosen].all(axis=0)
         while self.left > 0:
-            used = own.used[:, chosen].sum(axis=1)
-            may &= (own.used + used[:, None] <= own.most[:, None] + 1e-9).all(axis=0)
+            used = programme.used[:, chosen].sum(axis=1)
+            may &= (programme.used + used[:, None] <= programme.most[:, None] + 1e-9).all(axis=0)
             gains = np.zeros(len(self.owner))
             for block, part in zip(self.blocks, parts, strict=True):
                 has, most = part[self.lidars(chosen)].sum(axis=0), 1.0 + block.dead
                 gains += (np.minimum(has + part, most) - np.minimum(has, most)).mean(axis=1)
             worth = np.where(may, self.by_candidate(gains), -1.0)
-            if by_cost and not own.of_highest:
-                worth /= np.maximum(own.costs, 1e-9)
+            if by_cost and not programme.of_highest:
+                worth /= np.maximum(programme.costs, 1e-9)
             if worth.max(initial=-1.0) < 0:
                 break
             chosen.append(int(worth.argmax()))
@@ -280,7 +222,7 @@ class _Work:
         return bool(chosen) and self.accept(chosen)
 
     def drop(self, chosen: list[int]) -> None:
-        """Leave out what is not needed, the dearest first."""
+        """Leave out candidates that are not needed, the dearest first."""
         for i in sorted(chosen, key=lambda i: -self.programme.costs[i]):
             rest = [j for j in chosen if j != i]
             needed = self.programme.fixed[i] or not rest or self.add_rows(rest)
@@ -288,39 +230,41 @@ class _Work:
                 chosen = rest
 
     def try_others(self, cost: float) -> None:
-        """Rigs that cost no more, with the most to spare."""
+        """Check rigs that cost no more, with the most to spare."""
         for _ in range(_AT_ONCE):
-            found = self.programme.solve(min(_SPARE_SECONDS, self.left), cost, reach=1.0)
-            if found.chosen is None or self.left <= 0:
+            solution = self.programme.solve(min(_SPARE_SECONDS, self.left), cost, reach=1.0)
+            if solution.chosen is None or self.left <= 0:
                 return
-            if not self.add_rows(found.chosen, found.failing):
-                self.accept(found.chosen)
+            if not self.add_rows(solution.chosen, solution.failing):
+                self.accept(solution.chosen)
                 return
 
     # Rows that a choice breaks.
 
     def add_rows(self, chosen: Sequence[int], failing: Collection[Position] = frozenset()) -> bool:
-        """Whether LiDARs one by one break something; `failing`: positions that are given up."""
+        """Add rows that a choice breaks, LiDARs one by one; return whether there are any.
+
+        `failing`: positions that are given up."""
         broken = self.add_cliques(chosen)
         lidars = self.lidars(chosen)
         for block in self.blocks:
             dead = itertools.combinations(lidars, min(block.dead, len(lidars)))
-            for lost in [(), *(own for own in dead if own)]:
-                kept = [lidar for lidar in lidars if lidar not in lost]
-                shares = block.of(kept)
-                short = block.short(shares, 1.0 - _TOLERANCE)
+            for lost in [(), *filter(None, dead)]:
+                remaining = [lidar for lidar in lidars if lidar not in lost]
+                shares = block.of(remaining)
+                short = block.short(shares, 1.0 - TOLERANCE)
                 if not len(short):
                     continue
                 broken = True
                 rows = self.worst(block, short, shares[short])
-                if not self.add_short(block, rows, kept, lost, failing):
-                    self.add_cover(block, kept, lost)
+                if not self.add_short(block, rows, remaining, lost, failing):
+                    self.add_cover(block, remaining, lost)
                 if not lost:
                     break  # without any of them it has less still
         return broken
 
     def add_cliques(self, chosen: Sequence[int]) -> bool:
-        """Of candidates that are too near to each other one at most."""
+        """Allow one of several candidates that are too near to each other."""
         near = [(i, j) for i, j in itertools.combinations(chosen, 2) if not self.compatible[i, j]]
         for i, j in near:
             clique, may = [i, j], ~self.compatible[i] & ~self.compatible[j]
@@ -335,86 +279,89 @@ class _Work:
         self,
         block: Block,
         rows: Sequence[int],
-        kept: Sequence[int],
+        remaining: Sequence[int],
         lost: Sequence[int],
         failing: Collection[Position],
     ) -> bool:
-        """Rows of objects of which LiDARs that are kept have too little. Returns whether some are
-        new. They hold without any LiDAR at the places of those that are lost: there is one at
-        most."""
+        """Add rows of objects of which remaining LiDARs have too little; return whether any is new.
+
+        They hold without any LiDAR at the places of those that are lost: there is one at most."""
         added, gone = False, np.isin(self.place, self.place[list(lost)])
         whole = (block.key, *np.unique(self.place[list(lost)]).tolist())
         for row in rows:
             position = _position(block, row, whole)
-            key = (whole, row, *([] if block.missed is None else kept))
-            if position in failing or key in self.known:
+            key = (whole, row, *([] if block.missed is None else remaining))
+            if position in failing or key in self.row_keys:
                 continue
-            self.known.add(key)
-            base, gains = block.gains(row, kept)
+            self.row_keys.add(key)
+            base, gains = block.gains(row, remaining)
             gains = self.by_candidate(np.where(gone, 0.0, gains))
             self.programme.rows.append(Row(gains, base, position))
             added = True
-            if block.dead and (block.key, row) not in self.known:
-                self.known.add((block.key, row))
+            if block.dead and (block.key, row) not in self.row_keys:
+                self.row_keys.add((block.key, row))
                 self.add_lifted(block, row)
         return added
 
     def add_lifted(self, block: Block, row: int) -> None:
-        """Several LiDARs have a part of what is needed, as any may be dead. Where positions may
-        fail, those without such several fail with one of the LiDARs, each of which may cost some.
-        """
+        """Add a row: several LiDARs have a part of the need, as any may be dead.
+
+        Where positions may fail, those without such several fail with one of the LiDARs, each of
+        which may cost some."""
         if block.may_fail and block.dead > 1:
             return
         parts = block.sensors or self.most_lidars - block.dead
-        enough = block.alone[:, row] * parts >= 1.0 - _TOLERANCE
+        enough = block.alone[:, row] * parts >= 1.0 - TOLERANCE
         gains = self.by_candidate(enough / (block.dead + max(block.sensors, 1.0)))
         position = _position(block, row, (block.key, "lifted"), of_each=block.dead == 1)
         self.programme.rows.append(Row(gains, 0.0, position))
 
     def worst(self, block: Block, rows: NDArray[np.intp], shares: NDArray[np.float64]) -> list[int]:
-        """Objects with the least, of equal ones those that are seen least; one a position."""
+        """Return objects with the least, of equal ones those seen least; one a position."""
         ease = np.minimum(block.alone[:, rows], 1.0).sum(axis=0)
         order = np.lexsort((ease, shares))
         first = np.unique(block.position[rows][order], return_index=True)[1]
         return [int(rows[order[i]]) for i in np.sort(first)[: _AT_ONCE + block.may_fail]]
 
-    def add_cover(self, block: Block, kept: Sequence[int], lost: tuple[int, ...]) -> None:
-        """Some candidate is needed that is not among as many as can be had without enough."""
-        state, inside = block.plus(block.nothing(), kept), set(self.owner[[*kept, *lost]].tolist())
+    def add_cover(self, block: Block, remaining: Sequence[int], lost: tuple[int, ...]) -> None:
+        """Require a candidate that is not among as many as can be had without enough."""
+        state = block.plus(block.nothing(), remaining)
+        inside = set(self.owner[[*remaining, *lost]].tolist())
         alike = self.owner[np.isin(self.place, self.place[list(lost)])]
         inside |= {i for i in alike.tolist() if len(self.candidates[i]) == 1}
         ease = self.by_candidate(np.minimum(block.alone, 1.0).sum(axis=1))
         for i in np.argsort(ease).tolist():
             more = block.plus(state, () if i in inside else self.lidars((i,)))
-            if len(block.short(block.shares(more), 1.0 - _TOLERANCE)):
+            if len(block.short(block.shares(more), 1.0 - TOLERANCE)):
                 state = more
                 inside.add(i)
         self.programme.cut(1.0 - self.marked(list(inside)), 1.0)
 
     def by_candidate(self, of_lidars: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Sums over the LiDARs of each candidate."""
+        """Return sums over the LiDARs of each candidate."""
         return np.asarray(np.bincount(self.owner, of_lidars, len(self.candidates)), np.float64)
 
     def marked(self, chosen: Sequence[int]) -> NDArray[np.float64]:
-        """1 for these candidates."""
+        """Return 1 for these candidates, 0 for others."""
         marks = np.zeros(len(self.candidates))
         marks[list(chosen)] = 1.0
         return marks
 
-    # The judge.
+    # Exact checks.
 
     def accept(self, choice: Sequence[int]) -> bool:
-        """Whether the judge accepts a choice; else add what excludes it."""
-        chosen, own = tuple(sorted(choice)), self.programme
-        if chosen not in self.judged:
-            self.judged[chosen] = verdict_of(self.rig(chosen), self.problem)
-            lack = {rig: (len(own.broken), -own.margin) for rig, own in self.judged.items()}
-            self.closest = min(lack, key=lambda rig: lack[rig])
-        broken = self.judged[chosen].broken
-        if (own.used[:, list(chosen)].sum(axis=1) < own.least - 1e-9).any():
+        """Check a choice exactly; add rows that exclude it if it fails."""
+        chosen, programme = tuple(sorted(choice)), self.programme
+        if chosen not in self.checks:
+            self.checks[chosen] = check_rig(self.rig(chosen), self.problem)
+            self.closest = min(
+                self.checks, key=lambda c: (len(self.checks[c].broken), -self.checks[c].margin)
+            )
+        broken = self.checks[chosen].broken
+        if (programme.used[:, list(chosen)].sum(axis=1) < programme.least - 1e-9).any():
             return False  # greedy choice alone tries rigs of too few LiDARs
         if not broken and self.finds_enough(chosen):
-            self.best = chosen if own.cost(chosen) < self.cost else self.best
+            self.best = chosen if programme.cost(chosen) < self.cost else self.best
             return True
         if not broken or not chosen:
             self.exclude(chosen)
@@ -423,7 +370,7 @@ class _Work:
         return False
 
     def finds_enough(self, chosen: tuple[int, ...]) -> bool:
-        """Whether the detector finds as much as is asked for."""
+        """Return whether the detector's recall reaches its limit."""
         least = self.problem.file.search.cheapest.recall
         if self.recall is None or least is None:
             return True
@@ -432,24 +379,24 @@ class _Work:
         return self.values[chosen] >= least
 
     def exclude(self, chosen: Sequence[int], unless: Sequence[int] | None = None) -> None:
-        """No rig holds all of these, unless it holds one of `unless`, by default of all others."""
+        """Exclude rigs with all of these but those with one of `unless` (default: all others)."""
         others = 1.0 - self.marked(chosen) if unless is None else self.marked(unless)
         self.programme.cut(others - self.marked(chosen), 1.0 - len(chosen))
 
     def exclude_broken(self, chosen: tuple[int, ...], broken: Constraint) -> None:
-        """What no rig can hold that keeps a constraint which this one breaks."""
+        """Exclude rigs that break a constraint as this one does."""
         if broken.name in _GROWING:
             held = list(chosen)
             for i in chosen:
                 rest = [j for j in held if j != i]
-                if rest and broken in verdict_of(self.rig(rest), self.problem).broken:
+                if rest and broken in check_rig(self.rig(rest), self.problem).broken:
                     held = rest
             self.exclude(held, [])
             return
-        outcomes = {requirement_name(o.requirement.name): o for o in self.judged[chosen].outcomes}
+        outcomes = {requirement_name(o.requirement.name): o for o in self.checks[chosen].outcomes}
         outcome = outcomes.get(broken.name)
         blocks = [block for block in self.blocks if block.name == broken.name]
-        # What the judge alone knows, and what depends on the order of LiDARs.
+        # Only exact checks know these, or they depend on the order of LiDARs.
         wanted = outcome.requirement if outcome and blocks else None
         if outcome is None or wanted is None or not wanted.placed or wanted.also_when.mounts_off:
             self.exclude(chosen)
@@ -465,16 +412,6 @@ class _Work:
 def _position(
     block: Block, row: int, of: tuple[object, ...], of_each: bool = False
 ) -> Position | None:
-    """The position of an object in a case of a requirement; None if none may fail."""
+    """Return the position of an object in a case of a requirement; None if none may fail."""
     fails = block.may_fail
     return Position(of, int(block.position[row]), fails, of_each) if fails else None
-
-
-def cost_of(rig: Choices, problem: Problem) -> float:
-    """What a rig costs: LiDARs, price, watts, or the height of its highest mount, metres."""
-    by = problem.file.search.cheapest.by
-    if by == "lidars":
-        return float(len(rig))
-    if by == "height":
-        return max(lidar.mount.z for lidar in rig)
-    return problem.question.carrier.total_of(by, rig)

@@ -1,43 +1,46 @@
-"""Off the grid: LiDARs move a little, are left out or become cheaper, while everything is met."""
+"""Improvements off the grid: LiDARs move a little, are left out or become cheaper."""
 
 import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from sweeps.search.cheapest.choose import Recall, Verdict, cost_of, verdict_of
+from sweeps.search.cheapest.cheapest_rig import Recall
+from sweeps.search.cheapest.rig_check import RigCheck, check_rig, cost_of
 from sweeps.search.greedy.certificate import slots_of
 from sweeps.search.greedy.refine import neighbours
-from sweeps.search.problem.choice import Choice, Choices
 from sweeps.search.problem.constraints import requirement_name
-from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.space import Placed, rig_of
+from sweeps.search.problem.problem import SearchProblem
+from sweeps.search.problem.rig import MountedLidar, Rig
+from sweeps.search.problem.space import Assignment, rig_of
 from tracking.labels import digits
 
 _HOPELESS = 0.5
-"""A rig with a smaller margin than that is not moved to see whether it can meet all."""
+"""Least margin of a rig that is moved to see whether it can meet everything."""
 _PLENTY = 2.0
-"""Of what is needed; more is no better."""
+"""Margin above which more is no better."""
 
 
-def polish(problem: Problem, rig: Choices, recall: Recall | None) -> Choices:
-    """A rig that meets everything, is not dearer than this one and has more to spare.
+def polish(problem: SearchProblem, rig: Rig, recall: Recall | None) -> Rig:
+    """Return a rig that meets everything, is not dearer than this one and has more to spare.
 
     Cheaper rigs are tried first: without one of its LiDARs, or with a cheaper model in its place.
     Each coordinate of each LiDAR moves by half a step of the grid while that helps, then by a
-    quarter, and so on, as `search.greedy.refine` says. It takes no longer than the choice may.
-    Then what became surplus is left out.
-    """
+    quarter, and so on, as `search.greedy.refine` says. Then surplus LiDARs are left out. It takes
+    no longer than the choice may."""
     settings, least = problem.file.search.greedy, problem.file.search.cheapest.recall
     assert settings is not None
     until = time.monotonic() + problem.file.search.cheapest.seconds
 
-    def meets_all(rig: Choices) -> bool:
-        if verdict_of(rig, problem).broken:
+    def meets_all(rig: Rig) -> bool:
+        if check_rig(rig, problem).broken:
             return False
         return recall is None or least is None or recall(rig) >= least
 
-    best, starts = rig, sorted(_cheaper(problem, rig), key=lambda own: _order(problem, own))
+    def meets_all_in_time(rig: Rig) -> bool:
+        return time.monotonic() < until and meets_all(rig)
+
+    best, starts = rig, sorted(_cheaper(problem, rig), key=lambda start: _order(problem, start))
     for start in [*starts, rig]:
         if _order(problem, start) > _order(problem, best):
             continue
@@ -50,84 +53,84 @@ def polish(problem: Problem, rig: Choices, recall: Recall | None) -> Choices:
         moved = rig_of(placed, problem.space)
         if meets_all(moved):
             best = moved
-    while cheaper := next(filter(meets_all, _cheaper(problem, best)), None):
+    while cheaper := next(filter(meets_all_in_time, _cheaper(problem, best)), None):
         best = cheaper
     return best
 
 
-def _order(problem: Problem, rig: Choices) -> tuple[float, int]:
+def _order(problem: SearchProblem, rig: Rig) -> tuple[float, int]:
     """Return the objective to minimise: the cost, then the number of LiDARs."""
     return cost_of(rig, problem), len(rig)
 
 
-def _cheaper(problem: Problem, rig: Choices) -> Iterator[Choices]:
-    """The rig without one of its LiDARs, or mirrored pairs, and with a cheaper model."""
+def _cheaper(problem: SearchProblem, rig: Rig) -> Iterator[Rig]:
+    """Yield rigs without one of the LiDARs, or mirrored pairs, and with a cheaper model."""
     placed = slots_of(rig, problem) or []
     for i, place in enumerate(placed):
         models = (replace(place.lidar, model=model) for model in place.slot.models)
-        for own in [[], *([replace(place, lidar=lidar)] for lidar in models)]:
-            new = rig_of([*placed[:i], *placed[i + 1 :], *own], problem.space)
+        for left in [[], *([replace(place, lidar=lidar)] for lidar in models)]:
+            new = rig_of([*placed[:i], *placed[i + 1 :], *left], problem.space)
             is_cheaper = bool(new) and _order(problem, new) < _order(problem, rig)
             if is_cheaper and slots_of(new, problem) is not None:
                 yield new
 
 
 def _moved(
-    problem: Problem, placed: Sequence[Placed], length: float, angle: float, until: float
-) -> list[Placed]:
-    """Moves of one coordinate by a step, as long as one helps."""
+    problem: SearchProblem, placed: Sequence[Assignment], length: float, angle: float, until: float
+) -> list[Assignment]:
+    """Move one coordinate by a step, as long as one helps."""
     placed, value, better = list(placed), _value(problem, placed), True
     while better and time.monotonic() < until:
         better = False
         for i in range(len(placed)):
             for place in neighbours(placed[i], length, angle, most=1):
                 new = [*placed[:i], place, *placed[i + 1 :]]
-                if time.monotonic() < until and (own := _value(problem, new)) > value:
-                    placed, value, better = new, own, True
+                if time.monotonic() < until and (new_value := _value(problem, new)) > value:
+                    placed, value, better = new, new_value, True
     return placed
 
 
-def _value(problem: Problem, placed: Sequence[Placed]) -> tuple[float, float, float]:
-    """First requirements are met, then it is cheap, then there is something to spare."""
+def _value(problem: SearchProblem, placed: Sequence[Assignment]) -> tuple[float, float, float]:
+    """Return a key to maximise: requirements met, then low cost, then margin."""
     rig = rig_of(placed, problem.space)
-    verdict = verdict_of(rig, problem)
-    if any(not own.name.startswith(requirement_name("")) for own in verdict.broken):
+    rig_check = check_rig(rig, problem)
+    if any(not c.name.startswith(requirement_name("")) for c in rig_check.broken):
         return -1.0, 0.0, 0.0
-    return min(verdict.margin, 1.0), -cost_of(rig, problem), min(verdict.margin, _PLENTY)
+    return min(rig_check.margin, 1.0), -cost_of(rig, problem), min(rig_check.margin, _PLENTY)
 
 
-def needed_for(problem: Problem, rig: Choices, recall: Recall | None) -> list[str]:
-    """Name the first failure without each LiDAR, or without its mirrored pair: a requirement, a
-    constraint, the recall, or the setting that asks for it; "" for nothing."""
-    placed = slots_of(rig, problem) or []
-    return [_needed_for(problem, rig, lidar, placed, recall) for lidar in rig]
+def needed_for(problem: SearchProblem, rig: Rig, recall: Recall | None) -> list[str]:
+    """Name the first failure without each LiDAR, or without its mirrored pair; "" for none.
+
+    It is a requirement, a constraint, the recall, or the setting that asks for the LiDAR."""
+    return [_needed_for(problem, rig, lidar, recall) for lidar in rig]
 
 
 def _needed_for(
-    problem: Problem, rig: Choices, lidar: Choice, placed: Sequence[Placed], recall: Recall | None
+    problem: SearchProblem, rig: Rig, lidar: MountedLidar, recall: Recall | None
 ) -> str:
-    search = problem.file.search
+    search, placed = problem.file.search, slots_of(rig, problem) or ()
     together = next((place.rig for place in placed if lidar in place.rig), ())
     removals = {(lidar,): ""} | ({together: "the pair: "} if len(together) > 1 else {})
     for parts, text in removals.items():
         rest = tuple(other for other in rig if other not in parts)
-        if (verdict := verdict_of(rest, problem)).broken:
-            return text + _worst(verdict)
+        if (rig_check := check_rig(rest, problem)).broken:
+            return text + _worst(rig_check)
     if not together:
         return "search.fixed"
     if slots_of(rest, problem) is None:
         return f"search.zones.{lidar.zone}.lidars" if search.counted else "search.lidars"
     least = search.cheapest.recall
-    if recall is not None and least is not None and (found := recall(rest)) < least:
-        return f"{search.objective[0].name} {found:.1f}"
+    if recall is not None and least is not None and (recall_value := recall(rest)) < least:
+        return f"{search.objective[0].name} {recall_value:.1f}"
     return ""
 
 
-def _worst(verdict: Verdict) -> str:
-    """The requirement that lacks most, and where; or another constraint."""
-    short = [own for own in verdict.outcomes if not own.met]
+def _worst(rig_check: RigCheck) -> str:
+    """Name the requirement that lacks most, and where; or another constraint."""
+    short = [result for result in rig_check.outcomes if not result.met]
     if not short:
-        return verdict.broken[-1].name.removeprefix(requirement_name(""))
-    own = min(short, key=lambda own: own.worst.value / own.requirement.least)
-    x, y = digits(own.worst.x, "z.2f"), digits(own.worst.y, "z.2f")
-    return f"{own.requirement.name} at x {x}, y {y}"
+        return rig_check.broken[-1].name.removeprefix(requirement_name(""))
+    result = min(short, key=lambda result: result.worst.value / result.requirement.least)
+    x, y = digits(result.worst.x, "z.2f"), digits(result.worst.y, "z.2f")
+    return f"{result.requirement.name} at x {x}, y {y}"

@@ -1,4 +1,4 @@
-"""How good a search can be: greedy choice from a grid of mounts, and what no choice exceeds."""
+"""Greedy choice from a grid of mounts, and an upper bound on every choice."""
 
 import json
 import time
@@ -14,13 +14,13 @@ from lidarplace.files.atomic import write_text
 from lidarplace.pog.selection.tracing import OBJECTIVES
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
-from sweeps.search.greedy.candidates import candidates_of, limits_of, worth_of
-from sweeps.search.greedy.refine import keeps, refine
+from sweeps.search.greedy.candidates import candidates_of, limits_of, set_function_of
+from sweeps.search.greedy.refine import is_feasible, refine
 from sweeps.search.problem.assess import Traffic
-from sweeps.search.problem.choice import Choices, ordered
 from sweeps.search.problem.families import family_params
-from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.space import Placed, placed_in, rig_of
+from sweeps.search.problem.problem import SearchProblem
+from sweeps.search.problem.rig import Rig, ordered
+from sweeps.search.problem.space import Assignment, assign_to_slots, rig_of
 
 SUBMODULAR = (*OBJECTIVES, "expected_recall")
 """Objectives that have greedy choice and a bound."""
@@ -28,35 +28,34 @@ SUBMODULAR = (*OBJECTIVES, "expected_recall")
 
 @dataclass(frozen=True)
 class _Keyed:
-    """What identifies the problem of a certificate: `key` of both."""
+    """Identifier of the search of a certificate."""
 
     key: str
 
 
 @dataclass(frozen=True)
 class Certificate(_Keyed):
-    """What is known of all placements from a grid of candidate mounts.
+    """Bounds for all placements from a grid of candidate mounts.
 
     Attributes:
-        chosen, gains: what greedy choice took, in order, the LiDARs that every rig has as one; and
-            what each of them added.
+        chosen: greedy's choice, in order; the LiDARs that every rig has are one part.
+        gains: value that each part of `chosen` added.
         by_gains: upper bound from marginal gains alone.
         history: how `bound` fell: columns seconds, bound, kind.
         evaluations: marginal gains that greedy choice looked at.
         refined: the best of greedy's rig and of `start` that keep the constraints, each LiDAR moved
-            to a better place around its own; None if there is none, or it was not asked for.
-        refined_from: what it was before: "greedy" or a placement.
-    """
+            to a better place nearby; None if there is none, or refinement is off.
+        refined_from: what it was before: "greedy" or a placement."""
 
     candidates: int
-    chosen: tuple[Choices, ...]
+    chosen: tuple[Rig, ...]
     gains: tuple[float, ...]
     value: float
     by_gains: float
     bound: float
     history: dict[str, list[float | str]]
     evaluations: int
-    refined: Choices | None
+    refined: Rig | None
     refined_value: float | None
     refined_from: str | None
     greedy_seconds: float
@@ -64,13 +63,13 @@ class Certificate(_Keyed):
     refine_seconds: float
 
     @property
-    def rig(self) -> Choices:
+    def rig(self) -> Rig:
         """Greedy's rig."""
         return rig_of_parts(self.chosen)
 
 
-def why_none(problem: Problem) -> str | None:
-    """Why this search has no bound; None if it has one."""
+def why_none(problem: SearchProblem) -> str | None:
+    """Return why this search has no bound; None if it has one."""
     search = problem.file.search
     if search.greedy is None:
         return "search.greedy is null"
@@ -81,11 +80,11 @@ def why_none(problem: Problem) -> str | None:
         return "search.objective covered_entropy asks for the same, and has a bound"
     if objective.by not in SUBMODULAR or objective.best != "maximize":
         return f"{objective.best} {objective.by} is not monotone and submodular in the LiDARs"
-    if objective.by in OBJECT_SURROGATES and problem.question.surrogate.mount_draws:
+    if objective.by in OBJECT_SURROGATES and problem.criteria.surrogate.mount_draws:
         return "surrogate.mount_draws: candidates have exact mounts"
     if objective.by not in RAY_SURROGATES:
         return None
-    stride, models = problem.question.azimuth_stride, problem.models
+    stride, models = problem.criteria.azimuth_stride, problem.models
     names = {*problem.space.models, *(lidar.model for lidar in problem.space.fixed)}
     # Rays that one stands for, of every model that a rig may have.
     weights = {ray_weight(Placement(name, [Mount()], models[name]), stride) for name in names}
@@ -97,15 +96,15 @@ def why_none(problem: Problem) -> str | None:
     )
 
 
-def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
-    """Greedy choice and its upper bound. None if no candidate keeps the constraints."""
+def certify(problem: SearchProblem, traffic: Traffic) -> Certificate | None:
+    """Compute greedy choice and its upper bound. None if no candidate keeps the constraints."""
     start = time.perf_counter()
     settings = problem.file.search.greedy
     assert settings is not None
     candidates = candidates_of(problem)
     if not candidates:
         return None
-    worth = worth_of(candidates, problem, traffic)
+    worth = set_function_of(candidates, problem, traffic)
     limits, _ = limits_of(candidates, problem)
     choice = worth.greedy(limits)
     chosen_after = time.perf_counter()
@@ -121,14 +120,14 @@ def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
     if by_greedy is not None and settings.refine:
         starts["greedy"] = by_greedy
     # Greedy does not look at requirements, and a rig that one has may break any constraint.
-    asked = problem.question.constraints
-    kept = (n for n in starts if keeps(problem, rig_of(starts[n], problem.space), asked))
-    starts = {name: starts[name] for name in kept}
+    constraints = problem.criteria.constraints
     refined, value, origin = None, None, None
     for name, placed in starts.items():
-        moved, own = refine(problem, traffic, placed)
-        if value is None or own > value:
-            refined, value, origin = rig_of(moved, problem.space), own, name
+        if not is_feasible(problem, rig_of(placed, problem.space), constraints):
+            continue
+        moved, moved_value = refine(problem, traffic, placed)
+        if value is None or moved_value > value:
+            refined, value, origin = rig_of(moved, problem.space), moved_value, name
     return Certificate(
         key=problem.key,
         candidates=len(candidates),
@@ -137,7 +136,7 @@ def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
         value=choice.value,
         by_gains=bound.by_gains,
         bound=bound.value,
-        history={str(name): own.tolist() for name, own in bound.history.items()},
+        history={str(name): column.tolist() for name, column in bound.history.items()},
         evaluations=choice.evaluations,
         refined=refined,
         refined_value=value,
@@ -148,8 +147,10 @@ def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
     )
 
 
-def kept_certificate(problem: Problem, traffic: Traffic, path: Path) -> Certificate | None:
-    """That in `path`, or a new one, kept there. Raises ConfigError: it holds something else."""
+def kept_certificate(problem: SearchProblem, traffic: Traffic, path: Path) -> Certificate | None:
+    """Return the certificate in `path`, or a new one, stored there.
+
+    Raises ConfigError: the file has another content."""
     if path.exists():
         try:
             if read_record(path, _Keyed, "certificate of a search").key == problem.key:
@@ -162,25 +163,25 @@ def kept_certificate(problem: Problem, traffic: Traffic, path: Path) -> Certific
     return certificate
 
 
-def rig_of_parts(parts: Sequence[Choices]) -> Choices:
-    """The rig of all LiDARs of `parts`."""
+def rig_of_parts(parts: Sequence[Rig]) -> Rig:
+    """Return the rig of all LiDARs of `parts`."""
     return ordered(lidar for part in parts for lidar in part)
 
 
-def slots_of(rig: Choices, problem: Problem) -> list[Placed] | None:
-    """A rig of the space in its slots; None if it is none, as greedy's may have too few LiDARs."""
+def slots_of(rig: Rig, problem: SearchProblem) -> list[Assignment] | None:
+    """Return a rig in the slots of the space; None if it does not fit: greedy's may be small."""
     left = [lidar for lidar in rig if lidar not in problem.space.fixed]
     try:
-        return placed_in(problem.space, left)
+        return assign_to_slots(problem.space, left)
     except ValueError:
         return None
 
 
-def first_params(problem: Problem, certificate: Certificate | None) -> list[dict[str, Any]]:
-    """Parameters of the trials to begin with: the refined rig or greedy's, `start`, families."""
+def first_params(problem: SearchProblem, certificate: Certificate | None) -> list[dict[str, Any]]:
+    """Return parameters of the first trials: the refined rig or greedy's, `start`, families."""
     search, space, rigs = problem.file.search, problem.space, [*problem.start.values()]
     if certificate is not None and search.greedy is not None and search.greedy.warm_start:
         first = slots_of(certificate.refined or certificate.rig, problem)
         rigs = rigs if first is None else [first, *rigs]
-    given = [space.params(own) for own in rigs]
-    return given + family_params(space, problem.models, search.first_families, search.seed)
+    first_rigs = [space.params(rig) for rig in rigs]
+    return first_rigs + family_params(space, problem.models, search.first_families, search.seed)

@@ -1,1 +1,1 @@
-"""What a search shows and writes: terminal, run folder, tables, figures, MLflow."""
+"""Output of a search: terminal, run folder, tables, figures, MLflow."""

@@ -1,4 +1,4 @@
-"""A search as rows: its tables, with units in the names of their columns, and MLflow's runs."""
+"""Tables of a search, with units in the names of their columns, and MLflow's runs."""
 
 import math
 import warnings
@@ -13,22 +13,22 @@ from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 from optuna.trial import FrozenTrial, TrialState
 
 from sweeps.search.greedy.certificate import Certificate
-from sweeps.search.problem.choice import Choice, Choices
-from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.problem import SearchProblem
+from sweeps.search.problem.rig import MountedLidar, Rig
 from sweeps.search.trials.study import assessment_of, finished_trials
 from tracking.mlflow.content import EndedTrial, TrialRun
 
 
-def mount_columns(lidar: Choice) -> dict[str, Any]:
-    """A LiDAR in metres and degrees."""
+def mount_columns(lidar: MountedLidar) -> dict[str, Any]:
+    """Return a LiDAR as columns, metres and degrees."""
     mount = lidar.mount
     angles = {f"{n}_deg": math.degrees(getattr(mount, n)) for n in ("roll", "pitch", "yaw")}
     place = {"x_m": mount.x, "y_m": mount.y, "z_m": mount.z}
     return {"model": lidar.model, "zone": lidar.zone} | place | angles
 
 
-def rig_columns(rig: Choices) -> dict[str, Any]:
-    """All LiDARs of a rig: `lidar_1.model`, `lidar_1.x_m`, ..."""
+def rig_columns(rig: Rig) -> dict[str, Any]:
+    """Return all LiDARs of a rig as columns: `lidar_1.model`, `lidar_1.x_m`, ..."""
     return {
         f"lidar_{i}.{name}": value
         for i, lidar in enumerate(rig, start=1)
@@ -36,28 +36,28 @@ def rig_columns(rig: Choices) -> dict[str, Any]:
     }
 
 
-def trials_table(study: optuna.Study, problem: Problem) -> pd.DataFrame:
-    """A row a trial."""
+def trials_table(study: optuna.Study, problem: SearchProblem) -> pd.DataFrame:
+    """Return a row for each trial."""
     objectives = problem.file.search.objective
     rows = []
     for trial in finished_trials(study):
-        found, rig = assessment_of(trial), problem.space.rig(trial.params)
+        assessment, rig = assessment_of(trial), problem.space.rig(trial.params)
         values = trial.values or [math.nan] * len(objectives)
         rows.append(
-            {"number": trial.number, "state": trial.state.name, "feasible": found.feasible}
-            | {"possible": found.values is not None}
+            {"number": trial.number, "state": trial.state.name, "feasible": assessment.feasible}
+            | {"possible": assessment.values is not None}
             | {f"value.{o.name}": v for o, v in zip(objectives, values, strict=True)}
-            | {f"violation.{name}": v for name, v in found.violations.items()}
-            | {name: v for name, v in found.measures.items() if name.startswith("enough.")}
-            | {"seconds": found.seconds, "failure": trial.user_attrs.get("failure", "")}
+            | {f"violation.{name}": v for name, v in assessment.violations.items()}
+            | {name: v for name, v in assessment.measures.items() if name.startswith("enough.")}
+            | {"seconds": assessment.seconds, "failure": trial.user_attrs.get("failure", "")}
             | {"lidars": len(rig), **rig_columns(rig)}
         )
     return pd.DataFrame(rows)
 
 
-def greedy_table(found: Certificate) -> pd.DataFrame:
-    """A row a step of greedy choice: step, gain, value, and what was added."""
-    steps = zip(found.gains, accumulate(found.gains), found.chosen, strict=True)
+def greedy_table(certificate: Certificate) -> pd.DataFrame:
+    """Return a row for each step of greedy choice: step, gain, value, and the added LiDARs."""
+    steps = zip(certificate.gains, accumulate(certificate.gains), certificate.chosen, strict=True)
     return pd.DataFrame(
         {"step": step, "gain": gain, "value": value} | rig_columns(rig)
         for step, (gain, value, rig) in enumerate(steps, start=1)
@@ -68,8 +68,9 @@ _LEAST_TRIALS = 10
 
 
 def importances(study: optuna.Study) -> dict[str, float]:
-    """Share of each parameter in reaching good values of the first objective (PED-ANOVA). Empty if
-    there are too few trials with a value, or they do not differ."""
+    """Return the share of each parameter in good values of the first objective (PED-ANOVA).
+
+    Empty if there are too few trials with a value, or they do not differ."""
     complete = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
     values = {trial.values[0] for trial in complete}
     if len(complete) < _LEAST_TRIALS or len(values) < 2:
@@ -95,30 +96,30 @@ A search for a LiDAR placement: one parent run, and a child run for every trial.
 - The parent run has the command, the configuration, the report and the tables. The best trials
   are evaluated again with all rays: `search.json` and the report have those values.
 """
-"""The text of the experiment's page, Markdown."""
+"""Text of the experiment's page, Markdown."""
 
 
-def columns(problem: Problem) -> list[str]:
-    """What the experiment's page shows of every trial; the first objective orders them."""
+def columns(problem: SearchProblem) -> list[str]:
+    """Return the columns of the experiment's page; the first objective orders the trials."""
     objectives = [objective.name for objective in problem.file.search.objective]
-    violations = [f"violation.{limit.name}" for limit in problem.question.constraints]
+    violations = [f"violation.{limit.name}" for limit in problem.criteria.constraints]
     metrics = [f"metrics.{name}" for name in (*objectives, "feasible", *violations)]
     return [*metrics, "metrics.seconds"]
 
 
-def ended_trials(study: optuna.Study, problem: Problem) -> Iterator[EndedTrial]:
-    """All trials of which something was found."""
+def ended_trials(study: optuna.Study, problem: SearchProblem) -> Iterator[EndedTrial]:
+    """Yield all trials with an assessment."""
     for trial in finished_trials(study):
         describe = partial(_trial_run, trial, problem)
         yield EndedTrial(str(trial.number), describe, trial.user_attrs.get("failure"))
 
 
-def _trial_run(trial: FrozenTrial, problem: Problem) -> TrialRun:
+def _trial_run(trial: FrozenTrial, problem: SearchProblem) -> TrialRun:
     objectives = problem.file.search.objective
-    found, rig = assessment_of(trial), problem.space.rig(trial.params)
+    assessment, rig = assessment_of(trial), problem.space.rig(trial.params)
     values = trial.values or [math.nan] * len(objectives)
     metrics = {o.name: v for o, v in zip(objectives, values, strict=True)}
-    metrics |= {f"violation.{name}": v for name, v in found.violations.items()}
+    metrics |= {f"violation.{name}": v for name, v in assessment.violations.items()}
     params = {
         name: f"{value:.6g}" if isinstance(value, float) else value
         for name, value in rig_columns(rig).items()
@@ -127,6 +128,6 @@ def _trial_run(trial: FrozenTrial, problem: Problem) -> TrialRun:
     return TrialRun(
         f"trial {trial.number}",
         params | {"state": trial.state.name},
-        metrics | {"seconds": found.seconds, "feasible": float(found.feasible)},
+        metrics | {"seconds": assessment.seconds, "feasible": float(assessment.feasible)},
         ended=round(1000 * trial.datetime_complete.timestamp()),
     )

@@ -1,4 +1,4 @@
-"""What a search prints: what it is about to do, and what it found."""
+"""Output of a search in the terminal: its plan, and its results."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -14,11 +14,11 @@ from sweeps.plan.plan import unused_sensor_warnings
 from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding, facing
 from sweeps.search.greedy.certificate import why_none
 from sweeps.search.output.tables import mount_columns
-from sweeps.search.problem.choice import Choices, placement_of
-from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.problem import SearchProblem
+from sweeps.search.problem.rig import Rig, placement_of
 from sweeps.search.problem.space import rig_of
 from sweeps.search.trials.study import finished_trials
-from sweeps.search.verification.winners import Found, Judged
+from sweeps.search.verification.winners import AssessedRig, SearchFindings
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
@@ -40,13 +40,13 @@ _TRIALS_KNOW = (
 _TRIALS_NEGLECT = "so do trials of this objective. Constraints and requirements know it."
 
 
-def warnings_of(problem: Problem) -> list[str]:
-    """What a user should know about this configuration."""
+def warnings_of(problem: SearchProblem) -> list[str]:
+    """Return warnings about this configuration."""
     settings = problem.file.search
     contested = [
-        _TO_THE_LETTER.format(name=own.name)
-        for own in settings.objective
-        if own.by in SURROGATES and SURROGATES[own.by].contested and own.best == "maximize"
+        _TO_THE_LETTER.format(name=o.name)
+        for o in settings.objective
+        if o.by in SURROGATES and SURROGATES[o.by].contested and o.best == "maximize"
     ]
     begun_with = {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
     further = unused_sensor_warnings("each rig", settings.further_settings)
@@ -54,8 +54,8 @@ def warnings_of(problem: Problem) -> list[str]:
     return warnings + rig_warnings(begun_with, problem)
 
 
-def greedy_warnings(problem: Problem) -> list[str]:
-    """What greedy choice and its bound neglect."""
+def greedy_warnings(problem: SearchProblem) -> list[str]:
+    """Return a warning if greedy choice and its bound neglect that LiDARs hide each other."""
     first, space = problem.file.search.objective[0], problem.space
     names = {*space.models, *(lidar.model for lidar in space.fixed)}
     sized = any(problem.models[name].size is not None for name in names)
@@ -65,41 +65,43 @@ def greedy_warnings(problem: Problem) -> list[str]:
     return [_ONE_BY_ONE.format(name=first.name, others=others)]
 
 
-def rig_warnings(rigs: Mapping[str, Choices], problem: Problem) -> list[str]:
-    """Rings that coincide, LiDARs that see each other, rigs new to the generalist."""
+def rig_warnings(rigs: Mapping[str, Rig], problem: SearchProblem) -> list[str]:
+    """Return warnings: coinciding rings, LiDARs that see each other, rigs new to the generalist."""
     placements = {name: placement_of(rig, problem.models) for name, rig in rigs.items()}
-    found = {name: interleaving(placement) for name, placement in placements.items()}
-    said = [coinciding(name, better) for name, better in found.items() if better is not None]
+    warnings = []
     for name, placement in placements.items():
-        said += facing(placement, problem.question.carrier.vehicle, name)
-    for name, rig in placements.items() if problem.judged and not problem.pretrained else ():
-        if (by := outside(rig, problem.seen_rigs)) is not None:
-            said.append(beyond_what_is_seen(name, by))
-    return said
+        if (better := interleaving(placement)) is not None:
+            warnings.append(coinciding(name, better))
+    for name, placement in placements.items():
+        warnings += facing(placement, problem.criteria.carrier.vehicle, name)
+    if problem.uses_generalist and not problem.pretrained:
+        for name, placement in placements.items():
+            if (by := outside(placement, problem.seen_rigs)) is not None:
+                warnings.append(beyond_what_is_seen(name, by))
+    return warnings
 
 
-def print_problem(console: Console, problem: Problem) -> None:
-    """The space, the objectives, the constraints and the sampler."""
+def print_problem(console: Console, problem: SearchProblem) -> None:
+    """Print the space, the objectives, the constraints and the sampler."""
     settings, space = problem.file.search, problem.space
     wanted = ", ".join(f"{o.best} {o.name}" for o in settings.objective)
-    sizes = [len(space.distributions(makeup)) for makeup in space.makeups]
     number, parameters = (
         " to ".join(map(str, sorted(set(span))))
-        for span in (space.numbers, (min(sizes), max(sizes)))
+        for span in (space.numbers, space.numbers_of_parameters)
     )
     console.print(
         f"{problem.file.name}: {number} LiDARs in {', '.join(settings.zones)}, "
         f"{parameters} parameters; {wanted}"
     )
     if over := settings.said_of(problem.traffic.search):
-        console.print(f"judged by {over}")
+        console.print(f"evaluated by {over}")
     for zone in space.zones:
         if zone.z[1] < settings.zones[zone.name].z[1]:
             console.print(
                 f"zone {zone.name}: z up to {zone.z[1]:g} m, as LiDARs are to be within its "
                 f"standoff, {settings.zones[zone.name].standoff:g} m, above the body"
             )
-    bounds = (f"{c.name} {c.sense} {c.limit:g} {c.unit}" for c in problem.question.constraints)
+    bounds = (f"{c.name} {c.sense} {c.limit:g} {c.unit}" for c in problem.criteria.constraints)
     console.print(f"constraints: {', '.join(map(str.rstrip, bounds)) or 'none'}")
     console.print(
         f"{settings.trials} trials by {settings.sampler}, {settings.batch_size} at a time, "
@@ -111,67 +113,71 @@ def print_problem(console: Console, problem: Problem) -> None:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
 
 
-def planned(problem: Problem) -> dict[str, Any]:
-    """What a search would do: what is varied, wanted and kept, and how it looks for it."""
+def planned(problem: SearchProblem) -> dict[str, Any]:
+    """Return the plan of a search: parameters, objectives, constraints and sampler."""
     settings, space = problem.file.search, problem.space
     return {
         "name": problem.file.name,
         "lidars": list(space.numbers),
         "zones": list(settings.zones),
-        "parameters": list(space.distributions(space.makeups[-1])),
+        "parameters": list(space.distributions(space.all_counts[-1])),
         "objectives": [{"name": o.name, "best": o.best} for o in settings.objective],
-        "judged_on": [dict(changes) for changes in problem.tests.search] if problem.judged else [],
+        "judged_on": list(map(dict, problem.tests.search)) if problem.uses_generalist else [],
         "over": settings.over,
-        "constraints": [asdict(constraint) for constraint in problem.question.constraints],
+        "constraints": [asdict(constraint) for constraint in problem.criteria.constraints],
         "no_bound": why_none(problem),
         **settings.model_dump(include={"trials", "sampler", "batch_size", "seed"}),
         "warnings": warnings_of(problem),
     }
 
 
-def print_failures(console: Console, found: Found) -> int:
-    """Trials that failed, with the reason. Returns how many."""
-    failed = [t for t in finished_trials(found.study) if "failure" in t.user_attrs]
+def print_failures(console: Console, findings: SearchFindings) -> int:
+    """Print trials that failed, with the reason. Returns their number."""
+    failed = [t for t in finished_trials(findings.study) if "failure" in t.user_attrs]
     for t in failed:
         console.print(f"trial {t.number} failed: {t.user_attrs['failure']}", soft_wrap=True)
     return len(failed)
 
 
 def _print_rigs(
-    console: Console, rigs: Mapping[str, Judged], problem: Problem, run: SearchFolder
+    console: Console, rigs: Mapping[str, AssessedRig], problem: SearchProblem, run: SearchFolder
 ) -> None:
-    """Objectives and what constraints look at, a row a rig; a count is shown if one is not 0."""
+    """Print objectives and measures of constraints, a row a rig; omit counts that are always 0."""
     objectives, rows = run.search.objectives, []
     limits = [
         c.name
-        for c in problem.question.constraints
-        if c.limit or any(own.assessment.measures[c.name] for own in rigs.values())
+        for c in problem.criteria.constraints
+        if c.limit or any(assessed.assessment.measures[c.name] for assessed in rigs.values())
     ]
-    for name, own in rigs.items():
-        found, values = own.assessment, own.all_values
+    for name, assessed in rigs.items():
+        assessment, values = assessed.assessment, assessed.all_values
         cells = [format_value(o, values[o.name]) if o.name in values else "" for o in objectives]
-        broken = {c: " !" if found.violations[c] > 0 else "" for c in limits}
-        rows.append((name, *cells, *(f"{found.measures[c]:.3g}{broken[c]}" for c in limits)))
+        broken = {c: " !" if assessment.violations[c] > 0 else "" for c in limits}
+        rows.append((name, *cells, *(f"{assessment.measures[c]:.3g}{broken[c]}" for c in limits)))
     head = ("placement", *(o.label for o in objectives), *limits)
     console.print(table(problem.file.name, head, rows))
 
 
-def print_found(console: Console, problem: Problem, found: Found, run: SearchFolder) -> None:
-    """The best rigs, greedy's and the paper's, and what the report says first; or which requirement
-    or constraint no rig keeps, and by how much, or that no rig has a value."""
-    if not found.trials:
+def print_found(
+    console: Console, problem: SearchProblem, findings: SearchFindings, run: SearchFolder
+) -> None:
+    """Print the best rigs, greedy's and the paper's, and the first lines of the report.
+
+    Without a feasible rig: which requirement or constraint no rig keeps, and by how much, or that
+    no rig has a value."""
+    if not findings.trials:
         console.print(nothing_found(run), style="bold", soft_wrap=True)
-        for said in infeasible_sentences(run):
-            console.print(f"  {said}", soft_wrap=True)
+        for sentence in infeasible_sentences(run):
+            console.print(f"  {sentence}", soft_wrap=True)
         return
-    names = [*found.best[:3], *(name for name in found.judged if name not in found.best)]
-    _print_rigs(console, {name: found.judged[name] for name in names}, problem, run)
+    names = [*findings.best[:3], *(name for name in findings.rigs if name not in findings.best)]
+    _print_rigs(console, {name: findings.rigs[name] for name in names}, problem, run)
     first = answer(run)
     for line in (f"{first.title}: {first.value}", *first.lines):
         console.print(line, soft_wrap=True)
     for step in next_steps(run)[:1]:
         console.print(f"{step.what[0].upper()}{step.what[1:]}: {step.line}", soft_wrap=True)
-    mounts = [mount_columns(lidar) for lidar in found.judged["found_1"].rig]
+    mounts = [mount_columns(lidar) for lidar in findings.rigs["found_1"].rig]
     rows = [[f"{v:.3f}" if isinstance(v, float) else v for v in row.values()] for row in mounts]
     console.print(table("found_1, metres and degrees", list(mounts[0]), rows, words=("zone",)))
     for caution in cautions(run):

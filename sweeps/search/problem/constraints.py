@@ -1,4 +1,4 @@
-"""What a rig has to keep: spacing, its own body's share of the view, totals, requirements."""
+"""Constraints of a rig: spacing, body in view, price, power and requirements."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from lidarplace.mounting.vehicle import Vehicle, zone_in_body
 from lidarplace.requirements.check_requirements import RequirementResult, check_requirements
 from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.rigs.further_sensors import MountedSensor
-from sweeps.configuration.search import TOTALS, SearchFile, SearchSettings
-from sweeps.search.problem.choice import Choices, is_possible, placement_of
+from sweeps.configuration.objective import TOTALS
+from sweeps.configuration.search import SearchFile, SearchSettings
+from sweeps.search.problem.rig import Rig, is_possible, placement_of
 
 TIE = 1e-3
-"""By so much of what is missing rigs differ for the sampler that lack the same at their worst."""
+"""Share of a violation by which rigs differ for the sampler if their worst cases are equal."""
 
 
 @dataclass(frozen=True)
 class Constraint:
-    """A lower or an upper bound on something that is measured of a rig, such as `distance`."""
+    """A lower or an upper bound on a measure of a rig, such as `distance`."""
 
     name: str
     unit: str
@@ -34,20 +35,22 @@ class Constraint:
 
     @property
     def sense(self) -> Literal["at least", "at most"]:
+        """The direction of the bound in words."""
         return "at least" if self.at_least else "at most"
 
     def violation(self, measure: float) -> float:
-        """By how much it is not kept, in its unit; 0 or less if it is."""
+        """Return by how much a measure violates the bound, in its unit; 0 or less if it is kept."""
         return excess(measure, self.limit, at_least=self.at_least)
 
-    def told(self, violation: float, enough: float) -> float:
-        """A violation for the sampler: as a share of the limit, and of two that are equal larger
-        where fewer positions have enough; 0 or less if the constraint is kept."""
+    def sampler_violation(self, violation: float, enough: float) -> float:
+        """Return a violation for the sampler, a share of the limit; 0 or less if the bound is kept.
+
+        Of two equal violations that is larger where fewer positions have enough."""
         return violation / (abs(self.limit) or 1.0) * (1 + TIE * (1 - enough))
 
 
 def constraints_of(file: SearchFile) -> tuple[Constraint, ...]:
-    """The constraints that are asked for."""
+    """Return the constraints that the configuration asks for."""
     search, settings = file.search, file.search.constraints
     common = settings.common_view
     bounds: list[tuple[str, str, float | None, bool]] = [  # None: it is not asked for
@@ -70,30 +73,30 @@ def constraints_of(file: SearchFile) -> tuple[Constraint, ...]:
 
 
 def _may_be_in_body(search: SearchSettings) -> bool:
-    """Whether the zones, or the images of those with mirrored pairs, reach into the vehicle."""
+    """Return whether zones, or the images of those with mirrored pairs, reach into the vehicle."""
     vehicle = vehicle_of(search.vehicle)
     zones = [*mountable(search.zones, vehicle)]
     zones += [
         replace(zone, polygon=tuple((x, -y) for x, y in zone.polygon))
-        for zone, own in zip(zones, search.zones.values(), strict=True)
-        if own.mirrored or search.symmetric
+        for zone, zone_settings in zip(zones, search.zones.values(), strict=True)
+        if zone_settings.mirrored or search.symmetric
     ]
     return any(zone_in_body(zone, vehicle)[0] for zone in zones)
 
 
 def with_keep_outs(search: SearchSettings) -> Vehicle:
-    """The vehicle of a search, with all that hides what is behind it."""
+    """Return the vehicle of a search, with all that hides what is behind it."""
     return vehicle_of(carrier_of(search.vehicle, search.keep_out))
 
 
 def requirement_name(name: str) -> str:
-    """Of the constraint that a requirement is."""
+    """Return the name of the constraint that a requirement is."""
     return f"requirement.{name}"
 
 
 @dataclass(frozen=True)
 class Carrier:
-    """What constraints are measured on: LiDAR models, and the vehicle that carries them.
+    """LiDAR models and the vehicle that carries them, on which constraints are measured.
 
     Attributes:
         totals: price and power, by name of the model; NaN where it is not known.
@@ -101,8 +104,8 @@ class Carrier:
         limits: limits of mounting.
         vehicle: its body, and what hides what is behind it.
         roi: of which every LiDAR has to see something.
-        further, beside: cameras and radars, which every rig has; and their price and power.
-    """
+        further: cameras and radars, which every rig has.
+        further_totals: price and power of `further`."""
 
     models: Mapping[str, Lidar]
     totals: Mapping[str, Mapping[str, float]]
@@ -112,7 +115,7 @@ class Carrier:
     roi: Roi
     requirements: tuple[RequirementLayout, ...]
     further: tuple[MountedSensor, ...]
-    beside: Mapping[str, float]
+    further_totals: Mapping[str, float]
 
     @classmethod
     def of(
@@ -121,17 +124,21 @@ class Carrier:
         models: Mapping[str, Lidar],
         requirements: tuple[RequirementLayout, ...],
     ) -> Carrier:
-        """As the configuration has it; `models` by name."""
+        """Build it from the configuration; `models` by name."""
         settings, further = file.search, file.search.further_settings
         limits = settings.constraints.limits(
             body=vehicle_of(settings.vehicle), keep_out=keep_out_boxes(settings.keep_out)
         )
-        own = {name: (model.price, model.watts) for name, model in settings.models.items()}
+        prices = {name: model.price for name, model in settings.models.items()}
+        power = {name: model.watts for name, model in settings.models.items()}
         # The rig that one has without `search.models` costs nothing more.
-        unknown = (math.nan if settings.models else 0.0, math.nan)
+        price = math.nan if settings.models else 0.0
         return cls(
             models,
-            {t: {name: own.get(name, unknown)[i] for name in models} for i, t in enumerate(TOTALS)},
+            {
+                "price": {name: prices.get(name, price) for name in models},
+                "power": {name: power.get(name, math.nan) for name in models},
+            },
             {name: zone.price for name, zone in settings.zones.items()},
             limits,
             with_keep_outs(settings),
@@ -141,44 +148,43 @@ class Carrier:
             {t: math.fsum(getattr(sensor, t) or 0.0 for sensor in further) for t in TOTALS},
         )
 
-    def total_of(self, total: str, rig: Choices) -> float:
-        """Price or power of all sensors, and the price of mounts; the fixed are in no zone."""
+    def total_of(self, total: str, rig: Rig) -> float:
+        """Return price or power of all sensors, with the price of mounts in zones."""
         mounts = self.mount_prices if total == "price" else {}
-        own = (self.totals[total][c.model] + mounts.get(c.zone, 0.0) for c in rig)
-        return math.fsum([*own, self.beside[total]])
+        lidar_totals = (self.totals[total][c.model] + mounts.get(c.zone, 0.0) for c in rig)
+        return math.fsum([*lidar_totals, self.further_totals[total]])
 
-    def judged(self, rig: Choices, name: str = "rig") -> list[RequirementResult]:
-        """What becomes of each requirement."""
+    def requirement_results(self, rig: Rig, name: str = "rig") -> list[RequirementResult]:
+        """Check every requirement under a rig."""
         placement = placement_of(rig, self.models, name)
         return check_requirements(self.requirements, placement, self.vehicle, self.further)
 
 
-def _of_requirements(rig: Choices, carrier: Carrier) -> dict[str, float]:
-    """What each requirement has in its worst case, by the constraint's name, and `enough.NAME`."""
-    names = [requirement_name(own.requirement.name) for own in carrier.requirements]
+def _of_requirements(rig: Rig, carrier: Carrier) -> dict[str, float]:
+    """Return the worst case of each requirement, by the constraint's name, and `enough.NAME`."""
+    names = [requirement_name(layout.requirement.name) for layout in carrier.requirements]
     if not is_possible(rig):
         return dict.fromkeys([*names, *(f"enough.{name}" for name in names)], 0.0)
-    found = {}
-    for name, outcome in zip(names, carrier.judged(rig), strict=True):
-        found[name] = outcome.worst.value
-        found[f"enough.{name}"] = min(finding.enough for finding in outcome.findings)
-    return found
+    measures = {}
+    for name, outcome in zip(names, carrier.requirement_results(rig), strict=True):
+        measures[name] = outcome.worst.value
+        measures[f"enough.{name}"] = min(case.enough for case in outcome.cases)
+    return measures
 
 
-def measures_of(
-    rig: Choices, constraints: Sequence[Constraint], carrier: Carrier
-) -> dict[str, float]:
-    """What each constraint looks at, by its name; of a requirement also `enough.NAME`, the least
-    share of the positions that have enough in any case."""
+def measures_of(rig: Rig, constraints: Sequence[Constraint], carrier: Carrier) -> dict[str, float]:
+    """Return the measure of each constraint, by its name.
+
+    Requirements also have `enough.NAME`: the least share of positions with enough in any case."""
     names = [constraint.name for constraint in constraints]
-    asked = any(name.startswith(requirement_name("")) for name in names)
-    found = _of_requirements(rig, carrier) if asked else {}
+    has_requirements = any(name.startswith(requirement_name("")) for name in names)
+    measures = _of_requirements(rig, carrier) if has_requirements else {}
     placement = placement_of(rig, carrier.models) if is_possible(rig) else None
-    others = [name for name in names if name not in found]
-    return found | {name: _measure(name, rig, placement, carrier) for name in others}
+    others = [name for name in names if name not in measures]
+    return measures | {name: _measure(name, rig, placement, carrier) for name in others}
 
 
-def _measure(name: str, rig: Choices, placement: Placement | None, carrier: Carrier) -> float:
+def _measure(name: str, rig: Rig, placement: Placement | None, carrier: Carrier) -> float:
     if name in TOTALS:
         return carrier.total_of(name, rig)
     if placement is None and name not in ("body", "keep_out", "body_share"):

@@ -1,4 +1,4 @@
-"""A configuration file of a search, read, checked and taken apart."""
+"""The configuration of a search, read, validated and prepared."""
 
 import hashlib
 import json
@@ -24,25 +24,24 @@ from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.file import ConfigError, check, read_named, reading
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_overlaps
-from sweeps.configuration.question import check_dead, check_lidars, laid_out
-from sweeps.configuration.rigs import Rigs
-from sweeps.configuration.search import (
-    PRETRAINED,
-    ObjectiveSettings,
-    SearchFile,
-    Tests,
-    TrafficSettings,
+from sweeps.configuration.objective import PRETRAINED, ObjectiveSettings
+from sweeps.configuration.requirements_file import (
+    check_dead_sensors,
+    check_lidars,
+    lay_out_requirements,
 )
+from sweeps.configuration.rigs import Rigs
+from sweeps.configuration.search import SearchFile, Tests, TrafficSettings
 from sweeps.configuration.whole_paths import portable
 from sweeps.execution.memory import check_memory
 from sweeps.plan.named_files import outside_of
 from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import Trial
-from sweeps.search.problem.as_sweep import SearchConfig
-from sweeps.search.problem.assess import Question
-from sweeps.search.problem.choice import Choice, Choices, ordered, placement_of
+from sweeps.search.problem.assess import Criteria
 from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep_outs
-from sweeps.search.problem.space import Placed, Space, placed_in
+from sweeps.search.problem.rig import MountedLidar, Rig, ordered, placement_of
+from sweeps.search.problem.search_config import SearchConfig
+from sweeps.search.problem.space import Assignment, Space, assign_to_slots
 from sweeps.search.problem.training_rigs import rigs_near, training_rigs
 from sweeps.stages.task import Task, plain
 from training import code_of_network, network_of
@@ -51,7 +50,7 @@ _ANSWERING = {
     *("lidar", "weather", "surrogate", "placement", "placements"),
     *("detector", "training", "generalist", "mounting_errors", "allow_blind_lidars", "metrics"),
 }
-"""Keys beside the scene, the ROI and the classes that decide what trials are worth."""
+"""Keys, in addition to scene, ROI and classes, that decide the values of trials."""
 _ELSEWHERE = {"trials", "vehicle", "cheapest"}
 """Keys of `search` that do not decide it, or are in its key by their content."""
 OWN_MODEL = "lidar"
@@ -59,59 +58,65 @@ OWN_MODEL = "lidar"
 
 
 @dataclass(frozen=True)
-class Problem(SearchConfig):
-    """What is searched: LiDAR models by name, those of the zones first, the last that of `lidar`;
-    `start`, rigs to begin with; and all placements of the configuration."""
+class SearchProblem(SearchConfig):
+    """A search: its space, objectives and constraints.
 
-    models: Mapping[str, Lidar]
+    Attributes:
+        models: LiDARs by name, those of the zones first, the last that of `lidar`.
+        start: rigs to begin with.
+        rigs: all placements of the configuration."""
+
     space: Space
-    start: Mapping[str, list[Placed]]
-    question: Question
+    start: Mapping[str, list[Assignment]]
+    criteria: Criteria
     rigs: Rigs
 
     @cached_property
     def key(self) -> str:
-        """Tells a search from others of its name: the same while trials can be compared. That is
-        while configuration, scene and code are the same; how many trials there are, and what comes
-        after them, does not matter. Raises ConfigError, see `pog_tasks`."""
+        """Identifier of the search among those of its name: equal while trials can be compared.
+
+        That is while configuration, scene and code are the same; how many trials there are, and
+        what comes after them, does not matter. Raises ConfigError, see `pog_tasks`."""
         _, trial = self.pog_tasks(self.sweep())
         content = {
             "pog": trial.pog.key,
             "code": self._code(),
-            "recall": trial.recall.key if self.question.needs_objects and trial.recall else None,
+            "recall": trial.recall.key if self.criteria.needs_objects and trial.recall else None,
             "search": _without_paths(self.file.search.model_dump(mode="json", exclude=_ELSEWHERE)),
             "models": dict(self.models),  # patterns and corrections by their content
-            "vehicle": self.question.carrier.limits.body,  # a mesh by triangles, not by path
+            "vehicle": self.criteria.carrier.limits.body,  # a mesh by triangles, not by path
             "file": _without_paths(self.file.model_dump(mode="json", include=_ANSWERING)),
         }
         text = json.dumps(content, sort_keys=True, default=plain)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def _code(self) -> str:
-        """Version of the code that answers trials, but for scenes: the POG's key has that."""
-        asked = [part.by for own in self.file.search.objective for part in own.parts]
+        """Return the version of the code that evaluates trials; the POG has that of scenes."""
+        values = {part.by for objective in self.file.search.objective for part in objective.parts}
         modules = ["sweeps.search.problem.assess", "sweeps.search.problem.space"]
-        modules += SURROGATES.modules(by for by in asked if by in SURROGATES)
-        modules += METRICS.modules(by for by in asked if by in METRICS)
-        if self.judged:
+        for registry in (SURROGATES, METRICS):
+            modules += registry.modules(sorted(by for by in values if by in registry))
+        if self.uses_generalist:
             assert self.file.detector is not None
             network = network_of(self.file.detector)
             modules += ["sweeps.stages.evaluate", *code_of_network(network)]
         return code_version(*modules)
 
     @property
-    def judged(self) -> bool:
-        """Whether a generalist answers trials."""
-        return any(objective.judged for objective in self.file.search.objective)
+    def uses_generalist(self) -> bool:
+        """Whether a generalist evaluates trials."""
+        return any(objective.uses_generalist for objective in self.file.search.objective)
 
     @property
     def pretrained(self) -> bool:
         """Whether that generalist is the one of a file."""
         return any(objective.evaluator == PRETRAINED for objective in self.file.search.objective)
 
-    def outside(self, rig: Choices, name: str = "found") -> str | None:
-        """Why the generalist of a file cannot judge a rig; None: it can, or there is none. Raises
-        ConfigError: the file cannot be read, or is of another network."""
+    def outside(self, rig: Rig, name: str = "found") -> str | None:
+        """Return why the generalist of a file cannot evaluate a rig; None if it can.
+
+        Without such a generalist it is None, too. Raises ConfigError: the file cannot be read, or
+        belongs to another network."""
         if not self.pretrained:
             return None
         placement = placement_of(rig, self.models, name)
@@ -119,19 +124,19 @@ class Problem(SearchConfig):
         return outside_of(self.file, placement.each_lidar(lambda own: own.thinned(share)))
 
     @cached_property
-    def training_rigs(self) -> dict[str, Choices]:
-        """By name, what a generalist is trained on; none where the configuration names them."""
+    def training_rigs(self) -> dict[str, Rig]:
+        """Training rigs of a generalist, by name; none where the configuration names them."""
         number, seed = self.file.generalist.rigs, self.file.search.seed
         if not isinstance(number, int):
             return {}
         if self.file.search.near_start:
-            start = [self.space.params(own) for own in self.start.values()]
+            start = [self.space.params(rig) for rig in self.start.values()]
             return rigs_near(self.space, start, number, seed)
         return training_rigs(self.space, self.models, number, seed)
 
     @property
     def seen_rigs(self) -> list[Placement]:
-        """What a generalist is trained on. Raises ValueError if a name is unknown."""
+        """Placements that a generalist is trained on. Raises ValueError if a name is unknown."""
         named = self.file.generalist.rigs
         if isinstance(named, int):
             return [placement_of(rig, self.models) for rig in self.training_rigs.values()]
@@ -139,17 +144,17 @@ class Problem(SearchConfig):
 
     @property
     def traffic(self) -> TrafficSettings:
-        """On what a generalist judges: as it is said, where it is simulated in towns of its own."""
-        own, scene = self.file.search.traffic, self.file.scene
+        """Test traffic of a generalist: as configured; simulated traffic has towns of its own."""
+        traffic, scene = self.file.search.traffic, self.file.scene
         if not isinstance(scene, SumoScene):
-            return own
+            return traffic
 
         def in_towns(tests: Tests, first: int) -> Tests:
             return tuple({"scene.test_seed": first + 2 * i} | t for i, t in enumerate(tests))
 
         return TrafficSettings(
-            search=in_towns(own.search, scene.seed + 1001),
-            choice=in_towns(own.choice, scene.seed + 1002),
+            search=in_towns(traffic.search, scene.seed + 1001),
+            choice=in_towns(traffic.choice, scene.seed + 1002),
         )
 
     @property
@@ -173,20 +178,22 @@ class Problem(SearchConfig):
         return self.file.output / self.file.name
 
     def sweep(self, scene: Mapping[str, Any] | None = None) -> Sweep:
-        """A sweep of one placement and no detector: it knows the scene and the POG. `scene`: key
-        path -> value, what differs in the scene. Raises ConfigError: a value is not allowed."""
+        """Return a sweep of one placement and no detector, for its scene and POG.
+
+        `scene`: key path -> value, changes of the scene. Raises ConfigError: a value is not
+        allowed."""
         names, changes = self.file.surrogate.names, scene or {}
-        if self.question.needs_objects:
+        if self.criteria.needs_objects:
             names = tuple(dict.fromkeys([*names, "expected_recall"]))
         point = self.point(changes, {key: f"robustness.scenes: {key}" for key in changes})
         surrogate = point.surrogate.model_copy(update={"names": names})
         fixed = {"placement": "line", "detector": None, "surrogate": surrogate}
         point = point.model_copy(update=fixed)
-        own = GridPoint(point, self.rigs.of(point), {})
-        return Sweep(self.file, (own,), (), self.source, self.rigs, self.path)
+        grid_point = GridPoint(point, self.rigs.of(point), {})
+        return Sweep(self.file, (grid_point,), (), self.source, self.rigs, self.path)
 
     def pog_tasks(self, sweep: Sweep) -> tuple[list[Task], Trial]:
-        """The tasks that lead to its POG, and the trial that has them. Raises ConfigError."""
+        """Return the tasks that lead to a sweep's POG, and its trial. Raises ConfigError."""
         with at(self.path, ConfigError):
             plan = make_plan(sweep)
         (trial,) = plan.trials
@@ -203,41 +210,48 @@ class Problem(SearchConfig):
         tasks, trial = self.pog_tasks(self.sweep())
         check_memory([*tasks, trial.surrogates], self.file.ray.address)
 
-    def paper_rigs(self) -> dict[str, Choices]:
-        """The paper's eight with the LiDAR of the key `lidar`."""
-        paper = PAPER_PLACEMENTS.items()
-        return {name: ordered(Choice(OWN_MODEL, "", m) for m in rig.mounts) for name, rig in paper}
+    def paper_rigs(self) -> dict[str, Rig]:
+        """Return the paper's eight with the LiDAR of the key `lidar`."""
+        mounts = {name: rig.mounts for name, rig in PAPER_PLACEMENTS.items()}
+        lidars = {name: [MountedLidar(OWN_MODEL, "", m) for m in ms] for name, ms in mounts.items()}
+        return {name: ordered(rig) for name, rig in lidars.items()}
 
 
-def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
-    """Read the configuration of a search. Raises ConfigError: anything wrong with it."""
-    source = read_named(path, overrides, SearchFile)
+def read_problem(
+    path: Path, overrides: Sequence[str] = (), changes: Mapping[str, Any] | None = None
+) -> SearchProblem:
+    """Read the configuration of a search, with `changes`, key path -> plain data, after `--set`.
+
+    Raises ConfigError: anything wrong with it."""
+    source = read_named(path, overrides, SearchFile, changes)
     with at(path, ConfigError), plugin_folder(path.parent):
         problem = _problem(source, path)
         _check_what_comes_later(problem)
         return problem
 
 
-def _problem(source: dict[str, Any], path: Path) -> Problem:
+def _problem(source: dict[str, Any], path: Path) -> SearchProblem:
     file = check(SearchFile, source, path)
     _check_keys(file, source)
     settings = file.search
     rigs = Rigs(file.placements, file)
     weather = file.weather.weather()
-    own = file.lidar.lidar().in_weather(weather)
+    lidar = file.lidar.lidar().in_weather(weather)
     chosen = {
         name: model.lidar().in_weather(weather) for name, model in settings.models.items()
-    } or {OWN_MODEL: own}
-    fixed = [Choice(f.model or next(iter(chosen)), "", Mount(*f.pose)) for f in settings.fixed]
+    } or {OWN_MODEL: lidar}
+    fixed = [
+        MountedLidar(f.model or next(iter(chosen)), "", Mount(*f.pose)) for f in settings.fixed
+    ]
     space = Space(settings, tuple(chosen), fixed)
     start = {name: _start(file, rigs, name, space) for name in settings.start}
-    models = chosen | {OWN_MODEL: own}
+    models = chosen | {OWN_MODEL: lidar}
     _check_body(file, space, fixed, models)
     for key in file.verify.set if settings.models and file.verify is not None else ():
         if key.partition(".")[0] == "lidar" and key != "lidar.cloud_share":
             problem = "changes only the paper's rigs; the others have a model of search.models"
             raise InputError(problem, key=f"verify.set.{key}")
-    question = Question(
+    criteria = Criteria(
         objectives=settings.objective,
         constraints=constraints_of(file),
         carrier=Carrier.of(file, models, _laid(file, chosen)),
@@ -247,33 +261,35 @@ def _problem(source: dict[str, Any], path: Path) -> Problem:
         seed=file.scene.seed,
     )
     whole = portable(source, path.parent)
-    return Problem(path, whole, file, models, space, start, question, rigs)
+    return SearchProblem(path, whole, file, models, space, start, criteria, rigs)
 
 
 def _laid(file: SearchFile, models: Mapping[str, Lidar]) -> tuple[RequirementLayout, ...]:
-    """The requirements around the vehicle. Raises InputError."""
-    asked, curves = file.search.requirements, file.surrogate.curves
-    if not asked:
+    """Lay out the requirements around the vehicle. Raises InputError."""
+    requirements, curves_file = file.search.requirements, file.surrogate.curves
+    if not requirements:
         return ()
     with at(key="search.requirements"):
         for name, lidar in models.items():
-            check_lidars(Placement(name, [Mount()], lidar), asked)
-        for own in asked:
+            check_lidars(Placement(name, [Mount()], lidar), requirements)
+        for requirement in requirements:
             further = (sensor.kind for sensor in file.search.further())
-            check_dead(own, [*["lidar"] * file.search.most_lidars, *further])
+            check_dead_sensors(requirement, [*["lidar"] * file.search.most_lidars, *further])
     with reading("surrogate.curves"):
-        known = default_curves() if curves is None else read_curves(curves)
-    return laid_out(asked, with_keep_outs(file.search), known, "search.requirements")
+        curves = default_curves() if curves_file is None else read_curves(curves_file)
+    return lay_out_requirements(
+        requirements, with_keep_outs(file.search), curves, "search.requirements"
+    )
 
 
 def _check_keys(file: SearchFile, source: Mapping[str, Any]) -> None:
-    """Refuse keys that say nothing here, or contradict each other. Raises InputError."""
+    """Reject keys that have no effect here, or contradict each other. Raises InputError."""
     settings = file.search
     others = {"placement": "start", "promote": "trials"}
     for key in ("seed", "placement", "promote", "requirements", "vehicle"):
         if key in source:
-            own = f"search.{others.get(key, key)}"
-            raise InputError(f"key of a sweep; a search has {own}", key=key)
+            replacement = f"search.{others.get(key, key)}"
+            raise InputError(f"key of a sweep; a search has {replacement}", key=key)
     if "evaluator" in source:
         fix = "select it by search.objective, such as generalist.recall"
         raise InputError("key of a sweep", key="evaluator", fix=fix)
@@ -300,9 +316,9 @@ def _check_objective(objective: ObjectiveSettings, file: SearchFile) -> None:
 
 
 def _check_body(
-    file: SearchFile, space: Space, fixed: list[Choice], models: Mapping[str, Lidar]
+    file: SearchFile, space: Space, fixed: list[MountedLidar], models: Mapping[str, Lidar]
 ) -> None:
-    """Refuse zones and fixed LiDARs inside of the body, and fixed ones that are blind."""
+    """Reject zones and fixed LiDARs inside of the body, and fixed ones that are blind."""
     vehicle = vehicle_of(file.search.vehicle)
     for zone in space.zones:
         if zone_in_body(zone, vehicle)[1]:
@@ -316,14 +332,14 @@ def _check_body(
             check_not_blind(rig, file.voxel_roi(), with_keep_outs(file.search))
 
 
-def _check_what_comes_later(problem: Problem) -> None:
-    """A mistake is better told now than after the search. Raises InputError."""
-    problem.key  # noqa: B018 - the scene
+def _check_what_comes_later(problem: SearchProblem) -> None:
+    """Report mistakes in scene, robustness and verification now. Raises InputError."""
+    problem.pog_tasks(problem.sweep())
     file = problem.file
     for name, changes in (file.robustness.scenes if file.robustness else {}).items():
         _check_scene(changes, f"robustness.scenes.{name}", "scene.density")
         problem.pog_tasks(problem.sweep(changes))
-    if problem.judged:
+    if problem.uses_generalist:
         _check_traffic(problem)
     if file.verify is None:
         return
@@ -335,15 +351,15 @@ def _check_what_comes_later(problem: Problem) -> None:
 
 
 def _check_scene(changes: Mapping[str, Any], where: str, example: str) -> None:
-    """Refuse what is not a key of the scene, or inside of another one. Raises InputError."""
+    """Reject keys outside of the scene, or inside of another key. Raises InputError."""
     refuse_overlaps(changes, where)
     for key in changes:
         if not key.startswith("scene."):
             raise InputError(key=f"{where}.{key}", expected=f"a key of scene, such as {example}")
 
 
-def _check_traffic(problem: Problem) -> None:
-    """What a search by a generalist sees has to be said, and different. Raises InputError."""
+def _check_traffic(problem: SearchProblem) -> None:
+    """Check that a search by a generalist has traffic, and different traffic. Raises InputError."""
     traffic = problem.traffic
     for name, every in (("search", traffic.search), ("choice", traffic.choice)):
         where = f"search.traffic.{name}"
@@ -353,16 +369,16 @@ def _check_traffic(problem: Problem) -> None:
                 fix = "name another log, such as {scene.test_folder: other_log}"
                 raise InputError(rule, key=where, fix=fix)
             _check_scene(changes, where, "scene.test_seed")
-            said = {key: f"search.traffic.{name}: {key}" for key in changes}
-            problem.point(changes, said)
+            names = {key: f"search.traffic.{name}: {key}" for key in changes}
+            problem.point(changes, names)
         if any(changes in every[:number] for number, changes in enumerate(every)):
             raise InputError("duplicate traffic", key=where)
     if problem.file.search.vehicles is not None and not problem.file.mounting_errors.errors():
         needed = "needs mounting_errors, without which all are equal"
         raise InputError(needed, key="search.vehicles")
     with at(key="generalist.rigs"):
-        known = {lidar for rig in problem.seen_rigs for lidar in rig.lidars}
-    unseen = [name for name in problem.space.models if problem.models[name] not in known]
+        training_lidars = {lidar for rig in problem.seen_rigs for lidar in rig.lidars}
+    unseen = [name for name in problem.space.models if problem.models[name] not in training_lidars]
     if unseen and not isinstance(problem.file.generalist.rigs, int):
         none = f"none of them has the LiDAR {unseen[0]}, which the search chooses"
         raise InputError(none, key="generalist.rigs")
@@ -372,8 +388,8 @@ def _check_traffic(problem: Problem) -> None:
         _check_pretrained(problem)
 
 
-def _check_pretrained(problem: Problem) -> None:
-    """The generalist of a file has to know rigs of the zones and those of the paper."""
+def _check_pretrained(problem: SearchProblem) -> None:
+    """Check that the generalist of a file covers rigs of the zones and those of the paper."""
     if (seeds := len(problem.file.search.seeds)) > 1:
         one = "a pretrained generalist has one seed"
         raise InputError(one, key="search.seeds", expected=1, found=seeds)
@@ -384,22 +400,23 @@ def _check_pretrained(problem: Problem) -> None:
             raise InputError(f"{of}: {outside}", key="search")
 
 
-def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Placed]:
-    """A placement in the slots of the search; its LiDARs are of the first model of their zones."""
-    own = file.placements.get(name)  # a search knows models by name alone
-    if own is not None and (own.recorded or any(mount.lidar for mount in own.mounts)):
+def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Assignment]:
+    """Assign a placement to the slots; its LiDARs are of the first model of their zones."""
+    settings = file.placements.get(name)  # a search knows models by name alone
+    if settings and (settings.recorded or any(mount.lidar for mount in settings.mounts)):
         own_lidars, fix = f"{name}: its mounts have LiDARs of their own", "give one of `lidar`"
         raise InputError(own_lidars, key="search.start", fix=fix)
     with at(key=f"search.start: {name}"):
-        return placed_in(space, [Choice("", "", mount) for mount in rigs.of(file, name).mounts])
+        lidars = [MountedLidar("", "", mount) for mount in rigs.of(file, name).mounts]
+        return assign_to_slots(space, lidars)
 
 
 def _without_paths(value: Any) -> Any:
-    """Settings without the files of LiDARs; only text under these keys is a file."""
+    """Return settings without the files of LiDARs; only text under these keys is a file."""
     if isinstance(value, dict):
         return {
-            key: _without_paths(own)
-            for key, own in value.items()
-            if key not in ("pattern", "correction") or not isinstance(own, str)
+            key: _without_paths(inner)
+            for key, inner in value.items()
+            if key not in ("pattern", "correction") or not isinstance(inner, str)
         }
-    return [_without_paths(own) for own in value] if isinstance(value, list) else value
+    return [_without_paths(inner) for inner in value] if isinstance(value, list) else value

@@ -1,9 +1,8 @@
-"""The space of rigs as parameters of Optuna, and back; rigs taken apart into its slots.
+"""The space of rigs as parameters of Optuna, and back; rigs assigned to its slots.
 
 Positions are shares of a zone, from 0 to 1 along each of its axes: so every combination of values
 is a position in the zone, whatever its shape, and the parameters are the same for all zones.
-Angles are in degrees. What cannot vary is no parameter.
-"""
+Angles are in degrees. What cannot vary is no parameter."""
 
 import itertools
 import math
@@ -30,24 +29,27 @@ from lidarplace.mounting.zone import (
     shares,
 )
 from sweeps.configuration.search import SearchSettings
-from sweeps.search.problem.choice import Choice, Choices, mirrored, ordered, rounded
+from sweeps.search.problem.rig import MountedLidar, Rig, mirrored, ordered, rounded
 
 NUMBER = "lidars"
-"""The parameter for the number of LiDARs: of all zones together, or after the name of a zone."""
-MOST_MAKEUPS = 10_000
-"""Ways to divide LiDARs among zones."""
-Makeup = tuple[int, ...]
-"""How many LiDARs there are to place: in all zones together, or in each zone that says how many; a
-mirrored pair of a zone counts once."""
+"""Parameter for the number of LiDARs: of all zones together, or after the name of a zone."""
+MOST_COUNTS = 10_000
+"""Most ways to divide LiDARs among zones."""
+CountsPerZone = tuple[int, ...]
+"""Numbers of LiDARs to place: in all zones together, or in each zone that has a number of its own.
+
+A mirrored pair of a zone counts once."""
 _ANGLES = ("roll", "pitch", "yaw")
 _OFF = 1e-4
 """Radians by which an angle may be outside of its range."""
 
 
 @dataclass(frozen=True)
-class Slot:
-    """A LiDAR to place, or the left one of a mirrored pair: `name` is the prefix of its parameters,
-    such as `lidar_1`; spans of roll, pitch, yaw in degrees, ego frame."""
+class MountSlot:
+    """A LiDAR to place, or the left one of a mirrored pair.
+
+    `name` is the prefix of its parameters, such as `lidar_1`; `spans` are of roll, pitch and yaw in
+    degrees, ego frame."""
 
     name: str
     zones: tuple[Zone, ...]
@@ -57,150 +59,158 @@ class Slot:
 
     @property
     def size(self) -> int:
-        """LiDARs in it."""
+        """Number of LiDARs in the slot."""
         return 2 if self.pair else 1
 
     def zone(self, name: str) -> Zone:
-        """Its zone of that name."""
+        """Return the slot's zone of that name."""
         return next(zone for zone in self.zones if zone.name == name)
 
 
 @dataclass(frozen=True)
-class Placed:
+class Assignment:
     """A LiDAR, or the left one of a mirrored pair, in a slot, which has a trial's parameters."""
 
-    slot: Slot
-    lidar: Choice
+    slot: MountSlot
+    lidar: MountedLidar
 
     @property
-    def rig(self) -> Choices:
-        """It, or the pair."""
+    def rig(self) -> Rig:
+        """The LiDAR, or both of the mirrored pair."""
         other = replace(self.lidar, mount=mirrored(self.lidar.mount))
         return ordered([self.lidar, other] if self.slot.pair else [self.lidar])
 
 
 class Space:
-    """All rigs that a configuration allows, of LiDAR `models` by name and those that are `fixed`.
-    Raises ValueError: no zone has room for symmetry, or there are too many ways to divide LiDARs
-    among zones."""
+    """Rigs that a configuration allows, of LiDAR `models` by name and those that are `fixed`.
+
+    Raises ValueError: no zone is wide enough for symmetry, or there are too many ways to divide
+    LiDARs among zones."""
 
     def __init__(
-        self, settings: SearchSettings, models: tuple[str, ...], fixed: Sequence[Choice]
+        self, settings: SearchSettings, models: tuple[str, ...], fixed: Sequence[MountedLidar]
     ) -> None:
         self.settings, self.models, self.fixed = settings, models, ordered(fixed)
         self.zones = mountable(settings.zones, vehicle_of(settings.vehicle))
         if settings.symmetric:
             _check_symmetry(self.zones)
-        self.makeups = self._makeups()
+        self.all_counts = self._count_all()
 
     @cached_property
-    def counts(self) -> dict[str, Pair]:
-        """How many LiDARs there may be at least and at most, by the parameter's name."""
+    def count_ranges(self) -> dict[str, Pair]:
+        """Least and greatest number of LiDARs, by the parameter's name."""
         if not self.settings.counted:
             return {NUMBER: self.settings.lidars}
         zones = self.settings.zones.items()
         return {f"{name}.{NUMBER}": zone.lidars for name, zone in zones if zone.lidars}
 
-    def _makeups(self) -> tuple[Makeup, ...]:
-        """All that there may be, without the fixed LiDARs; those with fewest LiDARs first."""
-        ways = math.prod(int(high - low) + 1 for low, high in self.counts.values())
-        if ways > MOST_MAKEUPS:
-            most, fix = f"at most {MOST_MAKEUPS:,}", "set ranges of `lidars` in fewer zones"
+    def _count_all(self) -> tuple[CountsPerZone, ...]:
+        """List all counts per zone, fewest LiDARs first; fixed LiDARs excluded."""
+        ways = math.prod(int(high - low) + 1 for low, high in self.count_ranges.values())
+        if ways > MOST_COUNTS:
+            most, fix = f"at most {MOST_COUNTS:,}", "set ranges of `lidars` in fewer zones"
             problem, key = "too many ways to divide LiDARs", "search.zones"
             raise InputError(problem, key=key, expected=most, found=f"{ways:,}", fix=fix)
-        ranges = (range(int(low), int(high) + 1) for low, high in self.counts.values())
-        found = itertools.product(*ranges)
-        return tuple(sorted(found, key=lambda makeup: (self._size(makeup), makeup)))
+        ranges = (range(int(low), int(high) + 1) for low, high in self.count_ranges.values())
+        every = itertools.product(*ranges)
+        return tuple(sorted(every, key=lambda counts: (self._size(counts), counts)))
 
-    def _size(self, makeup: Makeup) -> int:
-        return sum(slot.size for slot in self.slots(makeup))
+    def _size(self, counts: CountsPerZone) -> int:
+        return sum(slot.size for slot in self.slots(counts))
 
     @cached_property
     def numbers(self) -> tuple[int, int]:
         """The least and the greatest number of LiDARs, without the fixed ones."""
-        sizes = [self._size(makeup) for makeup in (self.makeups[0], self.makeups[-1])]
-        return sizes[0], sizes[1]
+        return self._size(self.all_counts[0]), self._size(self.all_counts[-1])
 
-    def slots(self, makeup: Makeup) -> list[Slot]:
-        """What has to be placed to have so many LiDARs."""
+    @property
+    def numbers_of_parameters(self) -> tuple[int, int]:
+        """The least and the greatest number of parameters of a rig."""
+        sizes = [len(self.distributions(counts)) for counts in self.all_counts]
+        return min(sizes), max(sizes)
+
+    def slots(self, counts: CountsPerZone) -> list[MountSlot]:
+        """Return the slots to fill for these counts."""
         if self.settings.counted:
-            found: list[Slot] = []
-            for zone, count in zip(self.zones, makeup, strict=True):
-                own = self.settings.zones[zone.name]
-                kind = ((zone,), own.models or self.models, self.spans(zone.name), own.mirrored)
-                found += [Slot(f"{zone.name}_{i + 1}", *kind) for i in range(count)]
-            return found
-        (number,) = makeup
+            slots: list[MountSlot] = []
+            for zone, count in zip(self.zones, counts, strict=True):
+                of_zone = self.settings.zones[zone.name]
+                models, spans = of_zone.models or self.models, self.spans(zone.name)
+                kind = ((zone,), models, spans, of_zone.mirrored)
+                slots += [MountSlot(f"{zone.name}_{i + 1}", *kind) for i in range(count)]
+            return slots
+        (number,) = counts
         spans = {name: getattr(self.settings, f"{name}_deg") for name in _ANGLES}
         zones, models = self.zones, self.models
         if not self.settings.symmetric:
-            return [Slot(f"lidar_{i + 1}", zones, models, spans, False) for i in range(number)]
+            return [MountSlot(f"lidar_{i + 1}", zones, models, spans, False) for i in range(number)]
         halves = tuple(filter(None, map(left_half, zones)))
-        pairs = [Slot(f"pair_{i + 1}", halves, models, spans, True) for i in range(number // 2)]
+        names = [f"pair_{i + 1}" for i in range(number // 2)]
+        pairs = [MountSlot(name, halves, models, spans, True) for name in names]
         if number % 2 == 0:
             return pairs
         middles = tuple(filter(None, map(on_centre_line, zones)))
         if not middles:
             raise InputError("an odd number needs a zone that meets y = 0", key="search.symmetric")
         upright = spans | {"roll": (0.0, 0.0), "yaw": (0.0, 0.0)}
-        return [*pairs, Slot("centre", middles, models, upright, False)]
+        return [*pairs, MountSlot("centre", middles, models, upright, False)]
 
     def spans(self, zone: str) -> dict[str, Pair]:
-        """Lowest and highest roll, pitch and yaw of a mount in that zone, degrees, ego frame."""
-        own, keys = self.settings.zones[zone], {angle: f"{angle}_deg" for angle in _ANGLES}
-        found = {a: getattr(own, key) or getattr(self.settings, key) for a, key in keys.items()}
-        low, high = found["yaw"]
-        return found | {"yaw": (own.facing_deg + low, own.facing_deg + high)}
+        """Return lowest and highest roll, pitch and yaw of a mount in a zone; degrees, ego."""
+        keys, of_zone = [f"{angle}_deg" for angle in _ANGLES], self.settings.zones[zone]
+        roll, pitch, yaw = (getattr(of_zone, key) or getattr(self.settings, key) for key in keys)
+        low, high = (of_zone.facing_deg + end for end in yaw)
+        return {"roll": roll, "pitch": pitch, "yaw": (low, high)}
 
-    def distributions(self, makeup: Makeup) -> dict[str, BaseDistribution]:
-        """The parameters of a rig with so many LiDARs."""
-        own = (self.of_slot(slot) for slot in self.slots(makeup))
-        return {name: distribution for slot in own for name, distribution in slot.items()}
+    def distributions(self, counts: CountsPerZone) -> dict[str, BaseDistribution]:
+        """Return the parameters of a rig with these counts."""
+        of_slots = (self.slot_distributions(slot) for slot in self.slots(counts))
+        return {name: distribution for slot in of_slots for name, distribution in slot.items()}
 
-    def of_slot(self, slot: Slot) -> dict[str, BaseDistribution]:
-        """The parameters of a LiDAR, or of the left one of a pair."""
-        found: dict[str, BaseDistribution] = {}
+    def slot_distributions(self, slot: MountSlot) -> dict[str, BaseDistribution]:
+        """Return the parameters of a LiDAR, or of the left one of a pair."""
+        distributions: dict[str, BaseDistribution] = {}
         if len(slot.models) > 1:
-            found["model"] = CategoricalDistribution(slot.models)
+            distributions["model"] = CategoricalDistribution(slot.models)
         if len(slot.zones) > 1:
-            found["zone"] = CategoricalDistribution([zone.name for zone in slot.zones])
+            distributions["zone"] = CategoricalDistribution([zone.name for zone in slot.zones])
         for axis, name in enumerate("xyz"):
             if any(_extent(zone)[axis] > 0 for zone in slot.zones):
-                found[name] = FloatDistribution(0.0, 1.0)
+                distributions[name] = FloatDistribution(0.0, 1.0)
         for name, (low, high) in slot.spans.items():
             if low < high:
-                found[f"{name}_deg"] = FloatDistribution(low, high)
-        return {f"{slot.name}.{name}": distribution for name, distribution in found.items()}
+                distributions[f"{name}_deg"] = FloatDistribution(low, high)
+        return {f"{slot.name}.{name}": distribution for name, distribution in distributions.items()}
 
-    def allowed(self, slot: Slot, values: Mapping[str, Any]) -> dict[str, Any]:
-        """The parameters of a slot, from values by name without its prefix, within their spans."""
-        found = {}
-        for name, span in self.of_slot(slot).items():
+    def allowed(self, slot: MountSlot, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the parameters of a slot, within their spans; `values` lack its prefix."""
+        parameters = {}
+        for name, span in self.slot_distributions(slot).items():
             value = values[name.removeprefix(f"{slot.name}.")]
-            found[name] = within(value, span) if isinstance(span, FloatDistribution) else value
-        return found
+            parameters[name] = within(value, span) if isinstance(span, FloatDistribution) else value
+        return parameters
 
-    def suggest(self, trial: optuna.Trial) -> Choices:
+    def suggest(self, trial: optuna.Trial) -> Rig:
         """Ask a trial for all its parameters, which depend on the number of LiDARs."""
-        for name, (low, high) in self.counts.items():
+        for name, (low, high) in self.count_ranges.items():
             if low < high:
                 trial.suggest_int(name, int(low), int(high))
-        for name, own in self.distributions(self.makeup(trial.params)).items():
-            if isinstance(own, FloatDistribution):
-                trial.suggest_float(name, own.low, own.high)
+        for name, distribution in self.distributions(self.counts_per_zone(trial.params)).items():
+            if isinstance(distribution, FloatDistribution):
+                trial.suggest_float(name, distribution.low, distribution.high)
             else:
-                assert isinstance(own, CategoricalDistribution)
-                trial.suggest_categorical(name, own.choices)
+                assert isinstance(distribution, CategoricalDistribution)
+                trial.suggest_categorical(name, distribution.choices)
         return self.rig(trial.params)
 
-    def makeup(self, params: Mapping[str, Any]) -> Makeup:
-        """How many LiDARs these parameters ask for."""
-        return tuple(int(params.get(name, low)) for name, (low, _) in self.counts.items())
+    def counts_per_zone(self, params: Mapping[str, Any]) -> CountsPerZone:
+        """Return how many LiDARs these parameters ask for."""
+        return tuple(int(params.get(name, low)) for name, (low, _) in self.count_ranges.items())
 
-    def rig(self, params: Mapping[str, Any]) -> Choices:
-        """The rig of these parameters."""
+    def rig(self, params: Mapping[str, Any]) -> Rig:
+        """Return the rig of these parameters."""
         lidars = list(self.fixed)
-        for slot in self.slots(self.makeup(params)):
+        for slot in self.slots(self.counts_per_zone(params)):
             model = params.get(f"{slot.name}.model", slot.models[0])
             name = params.get(f"{slot.name}.zone", slot.zones[0].name)
             along = (params.get(f"{slot.name}.{axis}", 0.5) for axis in "xyz")
@@ -210,19 +220,19 @@ class Space:
                 for angle in _ANGLES
             )
             mount = rounded(*place, roll, pitch, math.remainder(yaw, math.tau))
-            lidars += Placed(slot, Choice(model, name, mount)).rig
+            lidars += Assignment(slot, MountedLidar(model, name, mount)).rig
         return ordered(lidars)
 
-    def params(self, placed: Sequence[Placed]) -> dict[str, Any]:
-        """The parameters that give these LiDARs to all slots of a makeup; the inverse of `rig`."""
-        found: dict[str, Any] = {}
-        for name, (low, high) in self.counts.items():
+    def params(self, placed: Sequence[Assignment]) -> dict[str, Any]:
+        """Return the parameters that give these LiDARs to all slots; the inverse of `rig`."""
+        parameters: dict[str, Any] = {}
+        for name, (low, high) in self.count_ranges.items():
             if low < high:
-                own = [place.slot for place in placed]
-                found[name] = (
-                    sum(name == f"{slot.zones[0].name}.{NUMBER}" for slot in own)
+                slots = [place.slot for place in placed]
+                parameters[name] = (
+                    sum(name == f"{slot.zones[0].name}.{NUMBER}" for slot in slots)
                     if self.settings.counted
-                    else sum(slot.size for slot in own)
+                    else sum(slot.size for slot in slots)
                 )
         for place in placed:
             slot, lidar, mount = place.slot, place.lidar, place.lidar.mount
@@ -230,20 +240,20 @@ class Space:
             values: dict[str, Any] = {"model": lidar.model, "zone": lidar.zone}
             values |= zip("xyz", along, strict=True)
             for angle, span in slot.spans.items():
-                degrees, middle = math.degrees(getattr(mount, angle)), sum(span) / 2
+                degrees, centre = math.degrees(getattr(mount, angle)), sum(span) / 2
                 # The same direction, less than half a turn from the middle of its span.
-                values[f"{angle}_deg"] = degrees - 360 * round((degrees - middle) / 360)
-            found |= self.allowed(slot, values)
-        return found
+                values[f"{angle}_deg"] = degrees - 360 * round((degrees - centre) / 360)
+            parameters |= self.allowed(slot, values)
+        return parameters
 
 
 def within(value: float, span: FloatDistribution) -> float:
-    """The value, or the end of the span that is nearest to it."""
+    """Return the value, or the nearest end of the span."""
     return min(max(value, span.low), span.high)
 
 
 def _check_symmetry(zones: Sequence[Zone]) -> None:
-    """What lies right of the centre line has to be a mirror image of what lies left of it."""
+    """Check that zones right of the centre line mirror those left of it. Raises InputError."""
     shapes = {(frozenset(zone.polygon), zone.z) for zone in zones}
     for zone in zones:
         mirrored_shape = frozenset((x, 0 - y) for x, y in zone.polygon)
@@ -257,61 +267,66 @@ def _extent(zone: Zone) -> tuple[float, float, float]:
     return zone.x[1] - zone.x[0], max(ys) - min(ys), zone.z[1] - zone.z[0]
 
 
-def placed_in(space: Space, lidars: Sequence[Choice]) -> list[Placed]:
-    """Give each of the LiDARs, without the fixed ones, to a slot of its kind. LiDARs without a zone
-    get the first one that holds them, and those without a model its first. Raises ValueError: their
-    number is none of the space's, or one has no slot."""
+def assign_to_slots(space: Space, lidars: Sequence[MountedLidar]) -> list[Assignment]:
+    """Assign each of the LiDARs, without the fixed ones, to a slot of its kind.
+
+    LiDARs without a zone get the first one that holds them, and those without a model its first.
+    Raises ValueError: the space has no rigs of so many LiDARs, or one has no slot."""
     least, most = space.numbers
     if not least <= len(lidars) <= most:
         raise InputError(f"has {len(lidars)} LiDARs, more or fewer than search.lidars")
-    left: list[Choice] = list(lidars)
-    for makeup in space.makeups:
-        slots = space.slots(makeup)
+    left: list[MountedLidar] = list(lidars)
+    for counts_per_zone in space.all_counts:
+        slots = space.slots(counts_per_zone)
         if sum(slot.size for slot in slots) != len(lidars):
             continue
-        found, left = _in_slots(slots, lidars)
+        assignments, left = _in_slots(slots, lidars)
         if not left:
-            return found
+            return assignments
     mount = left[0].mount
     place = point(mount.x, mount.y, mount.z)
     raise InputError(f"no zone or mirrored pair allows a LiDAR at {place} with its angles")
 
 
-def _in_slots(slots: Sequence[Slot], lidars: Sequence[Choice]) -> tuple[list[Placed], list[Choice]]:
-    """Each of the LiDARs in a slot, and those that are left when one slot gets none."""
-    left, found = list(lidars), []
+def _in_slots(
+    slots: Sequence[MountSlot], lidars: Sequence[MountedLidar]
+) -> tuple[list[Assignment], list[MountedLidar]]:
+    """Assign LiDARs to slots; return assignments, and LiDARs left if a slot gets none."""
+    left, assignments = list(lidars), []
     for slot in slots:
         place = next((p for lidar in left if (p := _in_slot(slot, lidar, left))), None)
         if place is None:
             break
-        found.append(place)
-        for mount in (own.mount for own in place.rig):
-            left.remove(next(lidar for lidar in left if _same(lidar.mount, mount)))
-    return found, left
+        assignments.append(place)
+        for placed in place.rig:
+            left.remove(next(lidar for lidar in left if _same(lidar.mount, placed.mount)))
+    return assignments, left
 
 
-def rig_of(placed: Sequence[Placed], space: Space) -> Choices:
-    """The rig of these LiDARs and those that every rig has."""
+def rig_of(placed: Sequence[Assignment], space: Space) -> Rig:
+    """Return the rig of these LiDARs and those that every rig has."""
     return ordered([*space.fixed, *(lidar for place in placed for lidar in place.rig)])
 
 
-def _in_slot(slot: Slot, lidar: Choice, left: Sequence[Choice]) -> Placed | None:
-    """The LiDAR in that slot; a pair needs its mirrored one among those `left`."""
+def _in_slot(
+    slot: MountSlot, lidar: MountedLidar, left: Sequence[MountedLidar]
+) -> Assignment | None:
+    """Return the LiDAR in that slot; a pair needs its mirrored one among those `left`."""
     mount, model = lidar.mount, lidar.model or slot.models[0]
     if model not in slot.models:
         return None
     if slot.pair:
         other = mirrored(mount)
-        if mount.y <= 0 or not any(_same(own.mount, other) for own in left):
+        if mount.y <= 0 or not any(_same(lidar.mount, other) for lidar in left):
             return None
     for zone in slot.zones:
         if lidar.zone in ("", zone.name) and fits(slot, zone, mount):
-            return Placed(slot, Choice(model, zone.name, mount))
+            return Assignment(slot, MountedLidar(model, zone.name, mount))
     return None
 
 
-def fits(slot: Slot, zone: Zone, mount: Mount) -> bool:
-    """Whether a LiDAR of the slot might sit there, in that zone."""
+def fits(slot: MountSlot, zone: Zone, mount: Mount) -> bool:
+    """Return whether a LiDAR of the slot may be mounted there, in that zone."""
     turn = (mount.roll, mount.pitch, mount.yaw)
     return distance(zone, mount.x, mount.y, mount.z) <= TOLERANCE and all(
         abs(math.remainder(angle - math.radians(low + high) / 2, math.tau))

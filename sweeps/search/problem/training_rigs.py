@@ -1,4 +1,4 @@
-"""Rigs of a search's space that its generalist is trained on."""
+"""Rigs of a search's space on which its generalist is trained."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,62 +9,70 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, Floa
 from lidarplace import Lidar
 from lidarplace.mounting.random_rigs import CANDIDATES
 from lidarplace.mounting.ring_overlap import spread_by_overlap
-from sweeps.search.problem.choice import Choices, is_possible, placement_of
+from sweeps.search.problem.rig import Rig, is_possible, placement_of
 from sweeps.search.problem.space import Space, within
 
 _LEVEL = 2
-"""Every so many of them are level, and half of those of one height: there rings coincide."""
+"""Stride of level rigs; half of those have LiDARs of one height: there rings coincide."""
 
 
 def training_rigs(
     space: Space, models: Mapping[str, Lidar], number: int, seed: int
-) -> dict[str, Choices]:
-    """So many rigs by name, spread from those whose rings overlap least to those with the most.
-    Every number of LiDARs in a zone is there as often. Constraints are not looked at: a detector
-    may learn from rigs that nobody builds."""
+) -> dict[str, Rig]:
+    """Draw `number` rigs by name, from those with the least overlap of rings to the most.
+
+    Every number of LiDARs in a zone occurs equally often. Constraints are ignored: a detector may
+    learn from rigs that nobody builds."""
     random = np.random.default_rng(seed)
-    makeups = [makeup for makeup in space.makeups if any(makeup) or space.fixed]
-    if len(makeups) > number:  # from the fewest LiDARs to the most
-        makeups = [makeups[i] for i in np.linspace(0, len(makeups) - 1, number).round().astype(int)]
-    found: dict[str, Choices] = {}
-    for place, makeup in enumerate(makeups):
-        wanted = len(range(place, number, len(makeups)))
-        counts = dict(zip(space.counts, makeup, strict=True))
-        drawn: list[Choices] = []
+    all_counts = [
+        counts_per_zone
+        for counts_per_zone in space.all_counts
+        if any(counts_per_zone) or space.fixed
+    ]
+    if len(all_counts) > number:  # from the fewest LiDARs to the most
+        all_counts = [
+            all_counts[i] for i in np.linspace(0, len(all_counts) - 1, number).round().astype(int)
+        ]
+    rigs: dict[str, Rig] = {}
+    for place, counts_per_zone in enumerate(all_counts):
+        wanted = len(range(place, number, len(all_counts)))
+        counts = dict(zip(space.count_ranges, counts_per_zone, strict=True))
+        drawn: list[Rig] = []
         while len(drawn) < CANDIDATES * wanted:
-            turns = _drawn(space.distributions(makeup), len(drawn), random)
+            turns = _drawn(space.distributions(counts_per_zone), len(drawn), random)
             rig = space.rig(counts | turns)
             if is_possible(rig):
                 drawn.append(rig)
         placements = [placement_of(rig, models) for rig in drawn]
         for rig in spread_by_overlap(drawn, placements, wanted):
-            found[f"generalist_{len(found) + 1}"] = rig
-    return found
+            rigs[f"generalist_{len(rigs) + 1}"] = rig
+    return rigs
 
 
 def rigs_near(
     space: Space, start: Sequence[Mapping[str, Any]], number: int, seed: int
-) -> dict[str, Choices]:
-    """So many rigs by name, each off one of `start`, parameters of rigs, which take turns, by up to
-    a tenth of its zone and 5 degrees."""
+) -> dict[str, Rig]:
+    """Draw `number` rigs by name, each near a rig of `start`: parameters of rigs, which take turns.
+
+    They are off by up to a tenth of a zone and 5 degrees."""
     random = np.random.default_rng(seed)
-    found: dict[str, Choices] = {}
-    while len(found) < number:
-        own = dict(start[len(found) % len(start)])
-        for name, distribution in space.distributions(space.makeup(own)).items():
+    rigs: dict[str, Rig] = {}
+    while len(rigs) < number:
+        params = dict(start[len(rigs) % len(start)])
+        for name, distribution in space.distributions(space.counts_per_zone(params)).items():
             if isinstance(distribution, FloatDistribution):
                 reach = 5.0 if name.endswith("_deg") else 0.1
-                own[name] = within(own[name] + random.uniform(-reach, reach), distribution)
-        rig = space.rig(own)
+                params[name] = within(params[name] + random.uniform(-reach, reach), distribution)
+        rig = space.rig(params)
         if is_possible(rig):
-            found[f"generalist_{len(found) + 1}"] = rig
-    return found
+            rigs[f"generalist_{len(rigs) + 1}"] = rig
+    return rigs
 
 
 def _drawn(
     space: Mapping[str, BaseDistribution], count: int, random: np.random.Generator
 ) -> dict[str, Any]:
-    """Parameters at random; some level, some of one height."""
+    """Draw parameters at random; some rigs are level, some have one height."""
     params: dict[str, Any] = {}
     height = float(random.uniform())
     for name, distribution in space.items():

@@ -1,6 +1,7 @@
-"""Optuna's study of a search: kept in a file, asked and answered in batches, resumed at any point.
-A batch is asked for as a whole before any of it is answered. So the outcome depends on the seed and
-the size of a batch, and not on how many workers there are or which was faster."""
+"""Optuna's study of a search: kept in a file, in batches, resumed at any point.
+
+A batch is suggested as a whole before any of it is evaluated. So the outcome depends on the seed
+and the size of a batch, and not on how many workers there are or which was faster."""
 
 import json
 import warnings
@@ -21,20 +22,21 @@ from sweeps.search.problem.assess import Assessment
 from sweeps.search.trials.samplers import Repeatable
 
 ASSESSMENT = "assessment"
-"""User attribute of a trial: what was found of its rig, as JSON."""
+"""User attribute of a trial: the assessment of its rig, as JSON."""
 
 
 @dataclass
 class Timing:
-    """Seconds of the driver: asking for parameters, while workers go on; and waiting for these."""
+    """Seconds of the driver: suggestions, while workers go on; and waiting for evaluations."""
 
     sampler: float = 0.0
     evaluation: float = 0.0
 
 
 def storage_in(folder: Path) -> BaseStorage:
-    """The journal in `folder`, without what a killed process left: a lock, and half a line at the
-    end. Only one process may have it, which the caller sees to."""
+    """Open the journal in `folder`, without remains of a killed process: a lock, and half a line.
+
+    Only one process may have it, which the caller has to ensure."""
     path = journal_path(folder)
     path.with_name(path.name + ".lock").unlink(missing_ok=True)
     if path.exists():
@@ -44,7 +46,7 @@ def storage_in(folder: Path) -> BaseStorage:
 
 
 def journal_storage(path: Path) -> BaseStorage:
-    """What a journal holds. Raises ValueError that names a damaged one."""
+    """Open a journal. Raises ValueError that names a damaged one."""
     try:
         return JournalStorage(JournalFileBackend(str(path)))
     except Exception as error:  # what Optuna raises depends on what is wrong in a line
@@ -54,8 +56,9 @@ def journal_storage(path: Path) -> BaseStorage:
 
 
 def stored_study(folder: Path, name: str) -> optuna.Study | None:
-    """The study of a search, as far as it has come, which may go on; None before its first trial,
-    or if it is that of another configuration. Raises as `journal_storage`."""
+    """Return the study of a search, as far as it has come; None before its first trial.
+
+    None, too, if the stored study is that of another configuration. Raises as `journal_storage`."""
     path = journal_path(folder)
     if not path.exists():
         return None
@@ -68,21 +71,21 @@ def stored_study(folder: Path, name: str) -> optuna.Study | None:
 
 
 def emptied_journal(folder: Path) -> Path | None:
-    """The journal of a search that has left results in its folder, if no trial is in it."""
+    """Return the journal of a search that has results in its folder, if it has no trial."""
     path = journal_path(folder)
     is_emptied = not (path.exists() and path.stat().st_size)
     return path if is_emptied and (folder / "search.json").exists() else None
 
 
 def journal_path(folder: Path) -> Path:
-    """The file in which a search keeps its trials."""
+    """Return the file in which a search keeps its trials."""
     return folder / "optuna.journal"
 
 
 def open_study(
     storage: BaseStorage, name: str, settings: SearchSettings, first: Sequence[Mapping[str, Any]]
 ) -> optuna.Study:
-    """The study `name`, new or as it was left. `first`: parameters of the first trials."""
+    """Open the study `name`, new or as it was left. `first`: parameters of the first trials."""
     study = optuna.create_study(
         storage=storage,
         study_name=name,
@@ -103,12 +106,13 @@ def tell(
     values: Sequence[float] | None,
     failure: str | None = None,
 ) -> None:
-    """Tell a trial: constraints, objectives, and what was found. Without `values` the rig was not
-    measured, or the trial has failed, because of `failure`."""
+    """Store a trial: constraints, objectives and assessment.
+
+    Without `values` the rig was not measured, or the trial has failed, because of `failure`."""
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         # A trial that was stopped while it was stored has some of this already.
-        for name, told in assessment.told.items():
-            trial.set_constraint(name, told)
+        for name, violation in assessment.sampler_violations.items():
+            trial.set_constraint(name, violation)
     trial.set_user_attr(ASSESSMENT, json.dumps(asdict(assessment)))
     if failure is not None:
         trial.set_user_attr("failure", failure)
@@ -120,12 +124,12 @@ def tell(
 
 
 def assessment_of(trial: FrozenTrial) -> Assessment:
-    """What was found of a finished trial."""
+    """Return the assessment of a finished trial."""
     return Assessment(**json.loads(trial.user_attrs[ASSESSMENT]))
 
 
 def finished_trials(study: optuna.Study) -> Iterator[FrozenTrial]:
-    """All trials of which something was found, by number."""
+    """Yield all trials with an assessment, by number."""
     for trial in study.get_trials(deepcopy=False):
         if trial.state.is_finished() and ASSESSMENT in trial.user_attrs:
             yield trial
@@ -133,7 +137,7 @@ def finished_trials(study: optuna.Study) -> Iterator[FrozenTrial]:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Without Optuna's log of every trial."""
+    """Silence Optuna's log of every trial."""
     before = optuna.logging.get_verbosity()
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     try:

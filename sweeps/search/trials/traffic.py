@@ -1,4 +1,4 @@
-"""The training traffic of a search, and rigs that are assessed on it by a pool of workers."""
+"""The training traffic of a search, and rigs that a pool of workers assesses on it."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from sweeps.execution.backends import Backend, Job
 from sweeps.execution.execute import execute
 from sweeps.execution.progress import StageProgress
 from sweeps.plan.surrogates import RECALL_FRAMES
-from sweeps.search.problem.assess import Assessment, Question, Traffic, assess
-from sweeps.search.problem.choice import Choices
-from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.assess import Assessment, Criteria, Traffic, assess
+from sweeps.search.problem.problem import SearchProblem
+from sweeps.search.problem.rig import Rig
 from sweeps.search.trials.study import Timing, assessment_of, finished_trials, tell
 from sweeps.stages.pog import grids_of
 from sweeps.stages.recall import RecallStage
@@ -31,20 +31,22 @@ from sweeps.store.open import reference
 
 
 class NoTraffic(RuntimeError):
-    """A task that leads to the traffic failed, or nothing is in it."""
+    """A task that leads to the traffic failed, or the traffic is empty."""
 
 
 def training_traffic(
     console: Console,
-    problem: Problem,
+    problem: SearchProblem,
     store: Store,
     backend: Backend,
     scene: Mapping[str, Any] | None = None,
 ) -> Traffic:
-    """What the objectives ask for. `scene`: key path -> value, what differs from the configuration.
-    Raises ConfigError: a value is not allowed at its key path; NoTraffic: something failed, or
-    `expected_recall` is asked of a class of which no object counts."""
-    if not any(objective.of_traffic for objective in problem.question.objectives):
+    """Compute the traffic that the objectives need.
+
+    `scene`: key path -> value, changes of the configuration. Raises ConfigError: a value is not
+    allowed at its key path; NoTraffic: something failed, or `expected_recall` is an objective of a
+    class of which no object counts."""
+    if not any(objective.of_traffic for objective in problem.criteria.objectives):
         return Traffic({})
     sweep = problem.sweep(scene)
     tasks, trial = problem.pog_tasks(sweep)
@@ -55,7 +57,7 @@ def training_traffic(
     for failure in failures.values():
         raise NoTraffic(failure.reason)
     grids = grids_of(store.load(trial.pog))
-    if not problem.question.needs_objects:
+    if not problem.criteria.needs_objects:
         return Traffic(grids)
     assert trial.recall is not None
     objects = _objects(problem, store, trial.recall)
@@ -67,11 +69,11 @@ def training_traffic(
     return Traffic(grids, objects)
 
 
-def _objects(problem: Problem, store: Store, recall: Task[RecallStage]) -> ExpectedRecall:
-    """The objects of which the objectives are, under rigs as clouds are collected."""
+def _objects(problem: SearchProblem, store: Store, recall: Task[RecallStage]) -> ExpectedRecall:
+    """Return the objects of the objectives, under rigs as clouds are collected."""
     file = problem.file
-    asked = [o for o in file.search.objective if o.by in OBJECT_SURROGATES]
-    weighted = {name for objective in asked for name in objective.weights_of(file.classes)}
+    objectives = [o for o in file.search.objective if o.by in OBJECT_SURROGATES]
+    weighted = {name for objective in objectives for name in objective.weights_of(file.classes)}
     stage = replace(recall.stage, classes=tuple(name for name in file.classes if name in weighted))
     logs = [store.load(task) for task in tasks_of(SceneStage, recall.inputs)]
     model = stage.expected_recall(logs, azimuth_share=file.lidar.cloud_share)
@@ -86,46 +88,53 @@ def _objects(problem: Problem, store: Store, recall: Task[RecallStage]) -> Expec
 
 @dataclass(frozen=True)
 class Pool:
-    """Assesses rigs on one traffic, which the backend shares out."""
+    """Workers that assess rigs on one traffic, which the backend shares out."""
 
     backend: Backend
     traffic: Traffic
 
     @classmethod
     def of(cls, backend: Backend, traffic: Traffic) -> Pool:
-        for grid in traffic.grids.values():
-            grid.levels, grid.h_pog  # noqa: B018 - worked out once, not by every worker
-        if traffic.objects is not None:
-            traffic.objects.objects.frames  # noqa: B018 - as well
+        """Share a traffic with the workers of a backend."""
+        _fill_caches(traffic)
         return cls(backend, backend.share(traffic))
 
-    def submit(self, rig: Choices, question: Question) -> Job[Assessment]:
-        return self.backend.submit(assess, rig, question, self.traffic)
+    def submit(self, rig: Rig, criteria: Criteria) -> Job[Assessment]:
+        """Assess a rig in a worker."""
+        return self.backend.submit(assess, rig, criteria, self.traffic)
 
-    def in_order(self, rigs: Sequence[Choices], question: Question) -> list[Assessment]:
-        """Of several rigs at once."""
-        jobs = [self.submit(rig, question) for rig in rigs]
+    def in_order(self, rigs: Sequence[Rig], criteria: Criteria) -> list[Assessment]:
+        """Assess several rigs at once."""
+        jobs = [self.submit(rig, criteria) for rig in rigs]
         return [job.result() for job in jobs]
 
 
-Asked = list[tuple[optuna.Trial, Choices]]
-Measured = tuple[dict[int, list[float]], dict[int, str]]
-"""Values of the measured objectives, and reasons why there are none, by number of the trial."""
+def _fill_caches(traffic: Traffic) -> None:
+    """Compute once what every worker would compute by itself."""
+    _ = [grid.h_pog for grid in traffic.grids.values()]  # with the levels of each grid
+    _ = traffic.objects and traffic.objects.objects.frames
 
 
-class SurrogateAnswers:
-    """Evaluates rigs by a pool of workers: `begin` takes up one of the next batch, and `finish`
-    tells the study of the whole batch, in the order of the trials' numbers."""
+PendingTrials = list[tuple[optuna.Trial, Rig]]
+MeasuredValues = tuple[dict[int, list[float]], dict[int, str]]
+"""Values of the measured objectives, and reasons of missing ones, by number of the trial."""
 
-    def __init__(self, study: optuna.Study, problem: Problem, pool: Pool) -> None:
+
+class SurrogateEvaluator:
+    """Evaluate rigs by a pool of workers, batch by batch.
+
+    `begin` takes up a trial of the next batch, and `finish` tells the study of the whole batch, in
+    the order of the trials' numbers."""
+
+    def __init__(self, study: optuna.Study, problem: SearchProblem, pool: Pool) -> None:
         self.study, self.problem, self._pool = study, problem, pool
-        known = finished_trials(study)
-        self._known = {problem.space.rig(trial.params): assessment_of(trial) for trial in known}
-        self._asked: Asked = []
-        self._jobs: dict[Choices, Job[Assessment]] = {}
+        rig_of = problem.space.rig
+        self._assessments = {rig_of(t.params): assessment_of(t) for t in finished_trials(study)}
+        self._pending: PendingTrials = []
+        self._jobs: dict[Rig, Job[Assessment]] = {}
 
-    def run(self, told: Callable[[int], None]) -> Timing:
-        """Ask and tell until there are enough trials; `told`: gets the number of finished ones."""
+    def run(self, report_finished: Callable[[int], None]) -> Timing:
+        """Evaluate batches until there are enough trials; `report_finished` gets their number."""
         timing = Timing()
         while (batch := self._next_batch()) is not None:
             for number in batch:
@@ -137,11 +146,11 @@ class SurrogateAnswers:
             start = time.perf_counter()
             self.finish()
             timing.evaluation += time.perf_counter() - start
-            told(batch[-1] + 1)
+            report_finished(batch[-1] + 1)
         return timing
 
     def _next_batch(self) -> list[int] | None:
-        """Numbers of the trials to finish next; None if there are enough."""
+        """Return numbers of the trials to finish next; None if there are enough."""
         trials, settings = self.study.get_trials(deepcopy=False), self.problem.file.search
         unfinished = [trial.number for trial in trials if not trial.state.is_finished()]
         first, size = min(unfinished, default=len(trials)), settings.batch_size
@@ -150,34 +159,38 @@ class SurrogateAnswers:
         return [n for n in range(start, end) if n >= len(trials) or n in unfinished] or None
 
     def _ask(self, number: int) -> optuna.Trial:
-        """Trial `number`, new, or as a stop left it: what it has been asked for stays."""
-        known = self.study.get_trials(deepcopy=False)  # by number
-        if number < len(known) and known[number].state == TrialState.RUNNING:
-            return optuna.Trial(self.study, known[number]._trial_id)
+        """Return trial `number`, new, or with the parameters that it had before a stop."""
+        trials = self.study.get_trials(deepcopy=False)  # by number
+        if number < len(trials) and trials[number].state == TrialState.RUNNING:
+            return optuna.Trial(self.study, trials[number]._trial_id)
         return self.study.ask()
 
-    def begin(self, trial: optuna.Trial, rig: Choices) -> None:
-        self._asked.append((trial, rig))
-        if rig not in self._known and rig not in self._jobs:
-            self._jobs[rig] = self._pool.submit(rig, self.problem.question)
+    def begin(self, trial: optuna.Trial, rig: Rig) -> None:
+        """Assess the rig of a trial, unless an earlier trial had the same rig."""
+        self._pending.append((trial, rig))
+        if rig not in self._assessments and rig not in self._jobs:
+            self._jobs[rig] = self._pool.submit(rig, self.problem.criteria)
 
     def finish(self) -> None:
-        self._known |= {rig: job.result() for rig, job in self._jobs.items()}
-        asked, self._asked, self._jobs = self._asked, [], {}
-        measured, failed = self._measure([own for own in asked if self._known[own[1]].feasible])
-        for trial, rig in asked:
-            found, values = self._known[rig], None
-            if found.values is not None and (trial.number in measured or not self.problem.judged):
+        """Store the trials that have begun."""
+        self._assessments |= {rig: job.result() for rig, job in self._jobs.items()}
+        pending, self._pending, self._jobs = self._pending, [], {}
+        feasible = [(trial, rig) for trial, rig in pending if self._assessments[rig].feasible]
+        measured, failed = self._measure(feasible)
+        unmeasured_too = not self.problem.uses_generalist
+        for trial, rig in pending:
+            assessment, values = self._assessments[rig], None
+            if assessment.values is not None and (trial.number in measured or unmeasured_too):
                 left = iter(measured.get(trial.number, ()))
                 values = [
-                    next(left) if o.measured else found.values[o.name]
-                    for o in self.problem.question.objectives
+                    next(left) if o.measured else assessment.values[o.name]
+                    for o in self.problem.criteria.objectives
                 ]
                 if any(map(math.isnan, values)):
                     reason = "an objective is undefined for this rig: nothing is covered"
                     failed[trial.number] = reason
-            tell(self.study, trial, found, values, failed.get(trial.number))
+            tell(self.study, trial, assessment, values, failed.get(trial.number))
 
-    def _measure(self, asked: Asked) -> Measured:
-        """What detectors measure of rigs that keep all constraints."""
+    def _measure(self, pending: PendingTrials) -> MeasuredValues:
+        """Measure rigs that keep all constraints by detectors."""
         return {}, {}

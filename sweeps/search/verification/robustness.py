@@ -1,4 +1,4 @@
-"""How far a rig's worth depends on exact mounts, on every LiDAR, and on the scene."""
+"""Robustness of rigs: to mounts that are off, to dead LiDARs, and to other scenes."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,35 +10,31 @@ import pandas as pd
 
 from lidarplace.mounting.errors import MountingErrors
 from sweeps.configuration.search import RobustnessSettings
-from sweeps.search.problem.assess import Question
-from sweeps.search.problem.choice import Choices, ordered
+from sweeps.search.problem.assess import Criteria
+from sweeps.search.problem.rig import Rig, ordered
 from sweeps.search.trials.traffic import Pool
 
 AS_DESIGNED = "as designed"
 
 
 def robustness(
-    rigs: Mapping[str, Choices],
-    question: Question,
-    pool: Pool,
-    settings: RobustnessSettings,
-    seed: int,
+    rigs: Mapping[str, Rig], criteria: Criteria, pool: Pool, settings: RobustnessSettings, seed: int
 ) -> pd.DataFrame:
-    """Objectives of each rig as designed, with all mounts off, and with each of its LiDARs dead,
-    whatever its constraints: rig, case, objective, draws, value (mean over the draws), worst."""
+    """Compute objectives of each rig as designed, with all mounts off, and with each LiDAR dead.
+
+    Constraints are ignored. Columns: rig, case, objective, draws, value (mean over the draws),
+    worst."""
     cases = [(n, *case) for n, rig in rigs.items() for case in _cases(rig, settings, seed)]
-    return _table(cases, question, pool)
+    return _table(cases, criteria, pool)
 
 
-def in_scene(
-    rigs: Mapping[str, Choices], question: Question, pool: Pool, scene: str
-) -> pd.DataFrame:
-    """Objectives of each rig on the POG of another scene; columns as of `robustness`."""
-    return _table([(name, f"scene: {scene}", [rig]) for name, rig in rigs.items()], question, pool)
+def in_scene(rigs: Mapping[str, Rig], criteria: Criteria, pool: Pool, scene: str) -> pd.DataFrame:
+    """Compute objectives of each rig on the POG of another scene; columns as of `robustness`."""
+    return _table([(name, f"scene: {scene}", [rig]) for name, rig in rigs.items()], criteria, pool)
 
 
 def with_share(table: pd.DataFrame) -> pd.DataFrame:
-    """The table with `share`: the value by that of the rig as designed; NaN if that is 0."""
+    """Add the column `share`: the value by that of the rig as designed; NaN if that is 0."""
     designed = table[table["case"] == AS_DESIGNED].set_index(["rig", "objective"])["value"]
     keys = pd.MultiIndex.from_frame(table[["rig", "objective"]])
     whole = designed.loc[keys].to_numpy()
@@ -47,25 +43,24 @@ def with_share(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _table(
-    cases: Sequence[tuple[str, str, Sequence[Choices]]], question: Question, pool: Pool
+    cases: Sequence[tuple[str, str, Sequence[Rig]]], criteria: Criteria, pool: Pool
 ) -> pd.DataFrame:
-    """Rows of a rig, a case and the rig's draws in it."""
-    found = iter(pool.in_order([rig for *_, altered in cases for rig in altered], question))
+    """Return rows of a rig, a case and the rig's draws in it."""
+    assessments = iter(pool.in_order([rig for *_, altered in cases for rig in altered], criteria))
     rows = []
-    for name, case, altered in cases:
-        values = [next(found).values or {} for _ in altered]
-        for objective in question.objectives:
-            own = [each[objective.name] for each in values if objective.name in each]
-            worst = (min if objective.best == "maximize" else max)(own, default=math.nan)
-            mean = fmean(own) if own else math.nan
-            row = {"rig": name, "case": case, "objective": objective.name, "draws": len(own)}
+    for rig, case, altered in cases:
+        values = [next(assessments).values or {} for _ in altered]
+        for objective in criteria.objectives:
+            name = objective.name
+            draws = [by_name[name] for by_name in values if name in by_name]
+            worst = (min if objective.best == "maximize" else max)(draws, default=math.nan)
+            mean = fmean(draws) if draws else math.nan
+            row = {"rig": rig, "case": case, "objective": name, "draws": len(draws)}
             rows.append(row | {"value": mean, "worst": worst})
     return pd.DataFrame(rows)
 
 
-def _cases(
-    rig: Choices, settings: RobustnessSettings, seed: int
-) -> Iterator[tuple[str, list[Choices]]]:
+def _cases(rig: Rig, settings: RobustnessSettings, seed: int) -> Iterator[tuple[str, list[Rig]]]:
     yield AS_DESIGNED, [rig]
     if errors := MountingErrors(settings.offset, math.radians(settings.angle_deg)):
         random = np.random.default_rng(seed)

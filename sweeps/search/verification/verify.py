@@ -1,6 +1,5 @@
-"""Whether the surrogate's gain became AP: detectors for the winners and for the paper's rigs."""
+"""Verification of a surrogate's gain by detectors, trained for the winners and the paper's rigs."""
 
-import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -8,14 +7,16 @@ from typing import Any
 import pandas as pd
 from rich.console import Console
 
+from lidarplace.base.errors import at
 from lidarplace.base.metrics import RANKING
 from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.command_line.verbs import wrong
-from sweeps.configuration.grid import Sweep
-from sweeps.plan.plan import read_plan
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.grid import Sweep, read_sweep
+from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import Plan
-from sweeps.search.problem.problem import Problem
-from sweeps.search.verification.winners import Found, Judged
+from sweeps.search.problem.problem import SearchProblem
+from sweeps.search.verification.winners import AssessedRig, SearchFindings
 from sweeps.store.open import store_of
 from tracking.findings.best_placement import best_placement
 from tracking.findings.summary import seed_means
@@ -24,9 +25,12 @@ from tracking.run_folders.search_tables import VERIFIED
 from tracking.run_folders.sweep import RunFolder
 
 
-def verify_found(console: Console, problem: Problem, found: Found, command: str) -> bool:
-    """Run `sweep.yaml` of the run folder as a sweep, by the `command` of the search, and write
-    `verified.parquet`. Returns whether all trainings finished."""
+def verify_found(
+    console: Console, problem: SearchProblem, findings: SearchFindings, command: str
+) -> bool:
+    """Run `sweep.yaml` of the run folder as a sweep and write `verified.parquet`.
+
+    `command`: that of the search. Returns whether all trainings finished."""
     from sweeps.run_sweep import run_sweep
 
     try:
@@ -42,30 +46,33 @@ def verify_found(console: Console, problem: Problem, found: Found, command: str)
     if run.results.empty:
         return False
     objective = problem.file.search.objective[0]
-    surrogate = {name: own.value(objective) for name, own in found.judged.items()}
-    table = verified_table(run.results, run.left_out, found.judged, surrogate, found.baseline)
+    surrogate = {name: rig.value(objective) for name, rig in findings.rigs.items()}
+    table = verified_table(run.results, run.left_out, findings.rigs, surrogate, findings.baseline)
     VERIFIED.write(table, problem.folder)
     return complete
 
 
-def read_verification(problem: Problem) -> tuple[Sweep, Plan]:
-    """The sweep that a search left in `sweep.yaml`, with the addresses of the search. Raises
-    ConfigError: the file, which a user may have changed, is wrong."""
-    whole = problem.file.model_dump(mode="json", include={"store", "tracking"})
-    overrides = [f"{key}={json.dumps(value)}" for key, value in whole.items()]
+def read_verification(problem: SearchProblem) -> tuple[Sweep, Plan]:
+    """Read the sweep that a search left in `sweep.yaml`, with the addresses of the search.
+
+    Raises ConfigError: the file, which a user may have changed, is wrong."""
+    path = problem.folder / "sweep.yaml"
+    addresses = problem.file.model_dump(mode="json", include={"store", "tracking"})
     with plugin_folder(problem.path.parent):
-        return read_plan(problem.folder / "sweep.yaml", overrides)
+        sweep = read_sweep(path, changes=addresses)
+        with at(path, ConfigError):
+            return sweep, make_plan(sweep)
 
 
 def verified_table(
     results: pd.DataFrame,
     left_out: pd.DataFrame | None,
-    judged: Mapping[str, Judged],
+    rigs: Mapping[str, AssessedRig],
     surrogate: Mapping[str, float],
     baseline: str,
     generalist: bool = False,
 ) -> pd.DataFrame:
-    """Means and differences to the baseline, with the intervals of the sweep's own report.
+    """Return means and differences to the baseline, with the intervals of the sweep's own report.
 
     Those of the means are Student's (`tracking.findings.summary.seed_means`), those of the
     differences Tukey and Kramer's, which hold for all pairs of rigs at once
@@ -73,12 +80,14 @@ def verified_table(
     are known, and are NaN where all have one seed.
 
     Args:
-        results, left_out: of the sweep that measured them.
+        results: of the sweep that measured the rigs.
+        left_out: the same without each unit of test objects.
+        rigs: by name; others are left out.
         surrogate: the objective's value of each rig.
-        generalist: whether the same detectors judged all rigs.
+        baseline: name of the rig that others are compared with.
+        generalist: whether the same detectors evaluated all rigs.
 
-    Returns rows of `VERIFIED`, the best first.
-    """
+    Returns rows of `VERIFIED`, the best first."""
     means = seed_means(results, left_out=left_out)
     rows = []
     for (object_class, metric), every in results.groupby(["class", "metric"], sort=False):
@@ -92,12 +101,12 @@ def verified_table(
             continue
         mean = _rows(means, of).set_index("placement")
         against = best.differences(baseline) if baseline in best.sure.index else pd.DataFrame()
-        for name in (name for name in best.sure.index if name in judged):
-            own = against.loc[name] if name in against.index and name != baseline else {}
-            row = {"rig": name, "role": judged[name].role, **of, "value": mean.at[name, "mean"]}
+        for name in (name for name in best.sure.index if name in rigs):
+            difference = against.loc[name] if name in against.index and name != baseline else {}
+            row = {"rig": name, "role": rigs[name].role, **of, "value": mean.at[name, "mean"]}
             row |= {key: mean.at[name, key] for key in ("low", "high", "seeds")}
-            row["difference"] = own.get("difference", math.nan)
-            row |= {f"difference_{end}": own.get(end, math.nan) for end in ("low", "high")}
+            row["difference"] = difference.get("difference", math.nan)
+            row |= {f"difference_{end}": difference.get(end, math.nan) for end in ("low", "high")}
             rows.append(row | {"surrogate": surrogate[str(name)]})
     return pd.DataFrame(rows)
 

@@ -6,10 +6,10 @@ from functools import cache
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_scenes import LIDAR, model_of, rows_of_cells, table_of
 
 from lidarplace import Mount, Placement
 from lidarplace.recall.choice import RecallChoice
+from tests.lidarplace.recall.small_scenes import LIDAR, model_of, rows_of_cells, table_of
 from tests.lidarplace.selection.small_exposures import feasible_sets, limits_of
 
 WEIGHTS = {"Tram": 1.0, "Bus": 0.4}

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_scenes import CURVES, LIDAR, ROWS, log_of, model_of
 
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.collect import collect
@@ -14,6 +13,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall import counted_objects
 from lidarplace.requirements.rays_on_objects import count_points, sights_of
 from lidarplace.rigs.placement import Mount, Placement
+from tests.lidarplace.recall.small_scenes import CURVES, LIDAR, ROWS, log_of, model_of
 
 NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
 ROUND = replace(LIDAR, size=(0.3, 0.3, 0.3))

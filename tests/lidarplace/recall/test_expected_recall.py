@@ -2,7 +2,11 @@
 
 import numpy as np
 import pytest
-from small_scenes import (
+
+from lidarplace import ExpectedRecall, Lidar, Mount, Placement
+from lidarplace.recall.baselines import baselines, per_object
+from lidarplace.recall.surface_cells import slices_of
+from tests.lidarplace.recall.small_scenes import (
     CURVES,
     LIDAR,
     MOUNTS,
@@ -14,10 +18,6 @@ from small_scenes import (
     model_of,
     table_of,
 )
-
-from lidarplace import ExpectedRecall, Lidar, Mount, Placement
-from lidarplace.recall.baselines import baselines, per_object
-from lidarplace.recall.surface_cells import slices_of
 from tests.refused import refused
 
 RIG = Placement("rig", MOUNTS, lidar=LIDAR)

@@ -6,7 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
-from small_scenes import (
+
+from lidarplace import Mount, Placement
+from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.logs.boxes import BUILDING_COLUMNS
+from lidarplace.recall.expected_recall import ExpectedRecall
+from lidarplace.recall.surface_cells import slices_of
+from tests.lidarplace.from_a_car import cast
+from tests.lidarplace.recall.small_scenes import (
     CURVES,
     LIDAR,
     MOUNTS,
@@ -19,13 +26,6 @@ from small_scenes import (
     rows_of_cells,
     table_of,
 )
-
-from lidarplace import Mount, Placement
-from lidarplace.clouds.surroundings import Surroundings
-from lidarplace.logs.boxes import BUILDING_COLUMNS
-from lidarplace.recall.expected_recall import ExpectedRecall
-from lidarplace.recall.surface_cells import slices_of
-from tests.lidarplace.from_a_car import cast
 from tests.refused import refused
 
 

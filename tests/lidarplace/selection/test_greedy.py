@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from small_exposures import best_of_all, exposure_of, exposures, greedy, limits_of
 
 from lidarplace.pog.selection import Limits, VoxelChoice
+from tests.lidarplace.selection.small_exposures import (
+    best_of_all,
+    exposure_of,
+    exposures,
+    greedy,
+    limits_of,
+)
 from tests.refused import refused
 
 

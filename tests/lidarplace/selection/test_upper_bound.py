@@ -3,7 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
-from small_exposures import (
+
+from lidarplace.pog.selection import Limits
+from lidarplace.pog.selection.majorant import Majorant
+from tests.lidarplace.selection.small_exposures import (
     SHAPES,
     best_of_all,
     exposure_of,
@@ -13,9 +16,6 @@ from small_exposures import (
     limits_of,
     upper_bound,
 )
-
-from lidarplace.pog.selection import Limits
-from lidarplace.pog.selection.majorant import Majorant
 
 
 @settings(max_examples=50)

@@ -1,1 +1,1 @@
-"""From points to features: pillars, voxels, sampled points."""
+"""Backbones, from points to features: pillars, voxels, sampled points."""

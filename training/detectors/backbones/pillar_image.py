@@ -20,28 +20,21 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
-from training.detectors.backbones.pillars import (
-    PillarEncoder,
-    PillarFeatureLayer,
-    PillarGrid,
-    scatter,
-)
+from training.detectors.backbones.pillars import PillarEncoder, PillarFeatureLayer, scatter
 from training.detectors.layers import PaddedBatchNorm
 
 
 def pillar_image(frames: Sequence[Tensor], encoder: PillarEncoder) -> Tensor:
-    """Pillars of frames of points (N, 4) as an image (frames, C, ny, nx), channels last in memory.
+    """Encode frames of points (N, 4) as an image (frames, C, ny, nx), channels last in memory.
 
-    That of `scatter`, up to rounding. Gradients flow to the encoder's weights, not to the points.
+    It is that of `scatter`, up to rounding. Gradients flow to the encoder's weights, not to the
+    points.
     """
     layer = cast(PillarFeatureLayer, encoder.pfn_layers[0])
-    norm, grid = layer.norm, encoder.grid
-    points = np.concatenate([np.zeros((0, 4), np.float32), *(f.cpu().numpy() for f in frames)])
-    ends = np.cumsum([len(frame) for frame in frames])
-    parameters = (layer.linear.weight, norm.weight, norm.bias)
-    learns = norm.training or torch.is_grad_enabled()
-    features, cells = _Features.apply(*parameters, points, ends, grid, norm, learns)
-    return scatter(features, cells, len(frames), grid)
+    parameters = (layer.linear.weight, layer.norm.weight, layer.norm.bias)
+    learns = layer.norm.training or torch.is_grad_enabled()
+    features, cells = _Features.apply(*parameters, frames, encoder, learns)
+    return scatter(features, cells, len(frames), encoder.grid)
 
 
 class _Features(torch.autograd.Function):
@@ -58,21 +51,20 @@ class _Features(torch.autograd.Function):
         weight: Tensor,
         gamma: Tensor,
         beta: Tensor,
-        points: NDArray[np.float32],
-        ends: NDArray[np.int64],
-        grid: PillarGrid,
-        norm: PaddedBatchNorm,
+        frames: Sequence[Tensor],
+        encoder: PillarEncoder,
         learns: bool,
     ) -> tuple[Tensor, Tensor]:
         """Features (P, C) of the pillars, and their cells (P,).
 
         `learns`: there will be a backward pass, or statistics are of the batch.
         """
-        own = weight.detach().numpy()
-        from_mean, from_centre = own[:, 4:7], own[:, 7:]
-        moving = np.hstack([own[:, :3] + from_mean + from_centre, own[:, 3:4]])
-        shared = np.hstack([own[:, :3], -from_mean])
-        sign = np.where(gamma.detach().numpy() < 0, -1, 1).astype(own.dtype)
+        grid, norm = encoder.grid, cast(PillarFeatureLayer, encoder.pfn_layers[0]).norm
+        points = np.concatenate([np.zeros((0, 4), np.float32), *(f.cpu().numpy() for f in frames)])
+        ends = np.cumsum([len(frame) for frame in frames])
+        moving, shared = _weights_of_terms(weight.detach().numpy())
+        dtype = moving.dtype
+        sign = np.where(gamma.detach().numpy() < 0, -1, 1).astype(dtype)
         x, _, z = grid.centres(torch.arange(grid.shape[0])).T.numpy()
         _, y, _ = grid.centres(grid.shape[0] * torch.arange(grid.shape[1])).T.numpy()
         products = np.zeros((4, 4) if learns else (0, 0))
@@ -84,7 +76,7 @@ class _Features(torch.autograd.Function):
         centres = np.stack([x[column], y[row], np.full(len(row), z[0])], axis=1)
         rest = np.hstack([centres, sums[:, :3] / counts[:, None]])
         raw *= sign  # from here on in place: these are the large arrays
-        raw += rest.astype(own.dtype) @ shared.T
+        raw += rest.astype(dtype) @ shared.T
         rows = int(counts.sum())
         if grid.max_points:  # upstream fills a pillar up with rows of zeros
             rows = len(raw) * grid.max_points
@@ -97,16 +89,13 @@ class _Features(torch.autograd.Function):
             terms = np.hstack([moving, shared]).astype(np.float64)
         batch = norm.training and rows > 1  # one row has no variance
         if batch:
-            mean = terms @ total / rows
-            spread = squares / rows - np.outer(total, total) / rows**2
-            variance = np.maximum(np.einsum("ci,ij,cj->c", terms, spread, terms), 0)
-            norm.follow(torch.from_numpy(mean), torch.from_numpy(variance), rows)
+            mean, variance = _follow_batch(norm, terms, total, squares, rows)
         else:
             running = (norm.running_mean, norm.running_var)
             mean, variance = (cast(Tensor, item).numpy() for item in running)
         scale = 1 / np.sqrt(variance + norm.eps)
-        raw -= mean.astype(own.dtype)
-        raw *= scale.astype(own.dtype)
+        raw -= mean.astype(dtype)
+        raw *= scale.astype(dtype)
         out = np.multiply(raw, gamma.detach().numpy(), out=None if learns else raw)
         out += beta.detach().numpy()
         np.maximum(out, 0, out=out)
@@ -114,9 +103,9 @@ class _Features(torch.autograd.Function):
             ctx.kept = points, winner, centres, rest, raw, out
             ctx.sums = terms, total, squares, mean, scale, rows if batch else math.inf
             ctx.save_for_backward(gamma)
-        found = torch.from_numpy(cells)
-        ctx.mark_non_differentiable(found)
-        return torch.from_numpy(out), found
+        pillar_cells = torch.from_numpy(cells)
+        ctx.mark_non_differentiable(pillar_cells)
+        return torch.from_numpy(out), pillar_cells
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor, _: Any) -> tuple[Tensor | None, ...]:
@@ -127,21 +116,47 @@ class _Features(torch.autograd.Function):
         g = np.where(out > 0, gradient.numpy(), 0)
         of_points = np.where(winner >= 0, g, 0)
         moving = _sum_winners(points, centres, winner, of_points)
-        found = np.hstack([moving, of_points.T @ rest])
+        of_terms = np.hstack([moving, of_points.T @ rest])
         of_gamma, of_beta = np.einsum("pc,pc->c", g, normal), g.sum(axis=0)
         by_normal = (terms @ squares - np.outer(mean, total)) * scale[:, None]
-        found -= np.outer(of_beta, total) / rows + of_gamma[:, None] * by_normal / rows
-        found *= (gamma.detach().numpy() * scale)[:, None]
-        place = found[:, :3]
-        of_weight = np.hstack([place + found[:, 4:7], found[:, 3:4], place - found[:, 7:], place])
-        kind = gamma.dtype
-        of_all = (torch.from_numpy(item).to(kind) for item in (of_weight, of_gamma, of_beta))
-        return (*of_all, None, None, None, None, None)
+        of_terms -= np.outer(of_beta, total) / rows + of_gamma[:, None] * by_normal / rows
+        of_terms *= (gamma.detach().numpy() * scale)[:, None]
+        place, intensity, centre, mean_offset = np.split(of_terms, (3, 4, 7), axis=1)
+        of_weight = np.hstack([place + centre, intensity, place - mean_offset, place])
+        gradients = (of_weight, of_gamma, of_beta)
+        return (*(torch.from_numpy(item).to(gamma.dtype) for item in gradients), None, None, None)
+
+
+def _weights_of_terms(
+    weight: NDArray[np.floating],
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Weights of the four terms of a point and of the six that its pillar shares, from (C, 10)."""
+    place, intensity, from_mean, from_centre = np.split(weight, (3, 4, 7), axis=1)
+    return np.hstack([place + from_mean + from_centre, intensity]), np.hstack([place, -from_mean])
+
+
+def _follow_batch(
+    norm: PaddedBatchNorm,
+    weights: NDArray[np.float64],
+    total: NDArray[np.float64],
+    squares: NDArray[np.float64],
+    rows: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and variance (C,) of a batch of `rows`, towards which running statistics move.
+
+    `weights` (C, 10) are of the terms, `total` (10,) and `squares` (10, 10) the sums of the terms
+    and of their products.
+    """
+    mean = weights @ total / rows
+    spread = squares / rows - np.outer(total, total) / rows**2
+    variance = np.maximum(np.einsum("ci,ij,cj->c", weights, spread, weights), 0)
+    norm.follow(torch.from_numpy(mean), torch.from_numpy(variance), rows)
+    return mean, variance
 
 
 @njit(cache=True, error_model="numpy")
 def _collect(points, cells, ends, centres, limits, weights, products):
-    """Pillars; adds the products of the four terms of all points to `products`, or learns nothing.
+    """Collect pillars; add the products of the four terms to `products`, or learn nothing.
 
     `points` (N, 4) are of frame after frame, which stop at `ends`, `cells` (N,) those in a frame,
     `centres` x of every column of pillars, y of every row, and z, `weights` (4, C) of the terms.
@@ -150,34 +165,30 @@ def _collect(points, cells, ends, centres, limits, weights, products):
     from the centre and of intensity over their points, (P, 4); the largest sum of the four
     products, (P, C), and the row of its point, which is anything where nothing is learnt.
     """
-    columns, rows, height = centres
-    max_points, max_pillars = limits
+    (columns, rows, height), (max_points, max_pillars) = centres, limits
     channels = weights.shape[1]
     most = min(len(points), len(ends) * min(max_pillars, len(columns) * len(rows)))
     table = np.empty(len(columns) * len(rows), np.int32)
     # A row is set when its pillar is met: most rows never are, and their memory is never touched.
-    found_cells, counts = np.empty(most, np.int64), np.empty(most, np.int64)
+    cell_of, counts = np.empty(most, np.int64), np.empty(most, np.int64)
     sums, best = np.empty((most, 4)), np.empty((most, channels), weights.dtype)
     winner = np.empty((most, channels), np.int32)
-    found = start = 0
+    pillars = start = 0
     for frame in range(len(ends)):
         table[:] = -1
-        first = found
+        first = pillars
         for n in range(start, ends[frame]):
             cell = cells[n]
             if cell < 0:
                 continue
             p = table[cell]
             if p < 0:
-                if found - first == max_pillars:
+                if pillars - first == max_pillars:
                     continue
-                p = table[cell] = found
-                found_cells[p], counts[p] = cell + frame * len(table), 0
-                for i in range(4):
-                    sums[p, i] = 0.0
-                for c in range(channels):
-                    best[p, c] = -np.inf
-                found += 1
+                p = table[cell] = pillars
+                cell_of[p], counts[p] = cell + frame * len(table), 0
+                sums[p], best[p] = 0.0, -np.inf
+                pillars += 1
             if counts[p] == max_points:
                 continue
             counts[p] += 1
@@ -203,7 +214,7 @@ def _collect(points, cells, ends, centres, limits, weights, products):
                 for j in range(4):
                     products[i, j] += u[i] * u[j]
         start = ends[frame]
-    return found_cells[:found], counts[:found], sums[:found], best[:found], winner[:found]
+    return cell_of[:pillars], counts[:pillars], sums[:pillars], best[:pillars], winner[:pillars]
 
 
 @njit(cache=True)

@@ -18,6 +18,7 @@ from torch.nn import functional
 from lidarplace.base.kernel_cache import njit
 from training.detectors.detector import PointRange
 from training.detectors.layers import PaddedBatchNorm
+from training.ops.grouping import counting_sort
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class PillarGrid:
         return self.max_points or np.iinfo(np.int64).max, pillars
 
     def cells(self, points: NDArray[np.float32]) -> NDArray[np.int32]:
-        """Cell iy * nx + ix of each point (N, 4), -1 of one outside or not finite, shape (N,)."""
+        """Number the cell iy * nx + ix of each point (N, 4), -1 outside or not finite, (N,)."""
         low = np.array(self.point_range[:3], np.float32)
         height = self.point_range[5] - self.point_range[2]
         return _cells_kernel(points, low, np.array([*self.size, height], np.float32), *self.shape)
@@ -89,34 +90,25 @@ def _group_kernel(points, cells, all_cells, max_points, max_pillars):
     """Points pillar after pillar, cells in order of appearance, points per pillar."""
     table = np.full(all_cells, -1, np.int64)
     pillar = np.full(len(points), -1, np.int64)
-    kept = np.empty(min(len(points), all_cells), np.int64)
-    counts = np.zeros(len(kept), np.int64)
-    found = 0
+    pillar_cells = np.empty(min(len(points), all_cells), np.int64)
+    counts = np.zeros(len(pillar_cells), np.int64)
+    pillars = 0
     for i in range(len(points)):
         if cells[i] < 0:
             continue
         p = table[cells[i]]
         if p < 0:
-            if found == max_pillars:
+            if pillars == max_pillars:
                 continue
-            p = found
-            table[cells[i]] = p
-            kept[p] = cells[i]
-            found += 1
+            p = table[cells[i]] = pillars
+            pillar_cells[p] = cells[i]
+            pillars += 1
         if counts[p] < max_points:
             counts[p] += 1
             pillar[i] = p
-    # Counting sort by pillar, points of one keep their order.
-    starts = np.zeros(found + 1, np.int64)
-    for p in range(found):
-        starts[p + 1] = starts[p] + counts[p]
-    grouped = np.empty((starts[found], points.shape[1]), points.dtype)
-    for i in range(len(points)):
-        if pillar[i] >= 0:
-            for c in range(points.shape[1]):
-                grouped[starts[pillar[i]], c] = points[i, c]
-            starts[pillar[i]] += 1
-    return grouped, kept[:found], counts[:found]
+    rows = np.flatnonzero(pillar >= 0)
+    order, _ = counting_sort(pillar[rows], pillars)
+    return points[rows[order]], pillar_cells[:pillars], counts[:pillars]
 
 
 def group(
@@ -124,15 +116,15 @@ def group(
 ) -> PillarBatch:
     """Group the points (N, 4) of each frame into pillars; points outside the range are dropped."""
     every = math.prod(grid.shape)
-    found = []
+    parts = []
     for i, frame in enumerate(frames):
         array = frame.detach().cpu().numpy().astype(np.float32, copy=False)
         points, cells, counts = _group_kernel(
             array, grid.cells(array), every, *grid.limits(training)
         )
-        found.append((points, cells + i * every, counts))
+        parts.append((points, cells + i * every, counts))
     points, cells, counts = (
-        torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*found, strict=True)
+        torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*parts, strict=True)
     )
     return PillarBatch(points, torch.repeat_interleave(counts), counts, cells)
 
@@ -167,7 +159,7 @@ def _pillar_max(rows: Tensor, counts: Tensor) -> Tensor:
 
 
 class PillarEncoder(nn.Module):
-    """From points to one feature vector per pillar.
+    """Encoder of the points of each pillar as one feature vector.
 
     A point's features are x, y, z, intensity, its offset from the mean of the pillar's points and
     from the pillar's centre.
@@ -187,7 +179,7 @@ class PillarEncoder(nn.Module):
         sums = xyz.new_zeros(len(batch.counts), 3).index_add_(0, batch.pillar, xyz)
         means = sums / batch.counts[:, None]
         centres = self.grid.centres(batch.cells % math.prod(self.grid.shape))
-        offsets = [xyz - own[batch.pillar] for own in (means, centres)]
+        offsets = [xyz - origin[batch.pillar] for origin in (means, centres)]
         features: Tensor = torch.cat([batch.points, *offsets], dim=1)
         for layer in self.pfn_layers:
             features = layer(features, batch, self.grid.max_points)
@@ -195,7 +187,7 @@ class PillarEncoder(nn.Module):
 
 
 def scatter(features: Tensor, cells: Tensor, frames: int, grid: PillarGrid) -> Tensor:
-    """Pillar features (P, C) as an image (frames, C, ny, nx), zero where there is no pillar."""
+    """Place pillar features (P, C) in an image (frames, C, ny, nx), zero without a pillar."""
     nx, ny = grid.shape
     image = features.new_zeros(frames * ny * nx, features.shape[1])
     image.index_copy_(0, cells, features)

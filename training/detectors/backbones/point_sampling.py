@@ -9,7 +9,7 @@ NEAR = 40.0  # points beyond this distance are few and all kept where possible, 
 
 
 def within(points: Tensor, point_range: PointRange) -> Tensor:
-    """The finite rows of `points` (N, 4) in the range of x and y, its border included.
+    """Select the finite rows of `points` (N, 4) in the range of x and y, its border included.
 
     At any height, as in OpenPCDet: only voxels end at the range's top and bottom.
     """
@@ -19,7 +19,7 @@ def within(points: Tensor, point_range: PointRange) -> Tensor:
 
 
 def sample_points(points: Tensor, number: int, training: bool) -> Tensor:
-    """Exactly `number` rows of `points` (N, 4) in random order, as OpenPCDet's `sample_points`.
+    """Draw exactly `number` rows of `points` (N, 4), as OpenPCDet's `sample_points`.
 
     Too many: all farther than NEAR and a random choice of the others; if the far ones alone are too
     many, a random choice of all. Too few: every point as often as another, but for one time.
@@ -42,10 +42,9 @@ def sample_points(points: Tensor, number: int, training: bool) -> Tensor:
     else:
         # Squared: a root's last bit differs between machines.
         x, y, z = points[:, :3].unbind(dim=1)
-        far = x * x + y * y + z * z >= NEAR**2
-        rows = torch.nonzero(~far).flatten()
-        kept = torch.nonzero(far).flatten()
-        if len(kept) >= number:
-            rows, kept = torch.arange(count, device=points.device), kept[:0]
-        rows = torch.cat([rows[shuffled(len(rows))[: number - len(kept)]], kept])
+        is_far = x * x + y * y + z * z >= NEAR**2
+        near, far = torch.nonzero(~is_far).flatten(), torch.nonzero(is_far).flatten()
+        if len(far) >= number:
+            near, far = torch.arange(count, device=points.device), far[:0]
+        rows = torch.cat([near[shuffled(len(near))[: number - len(far)]], far])
     return points[rows[shuffled(number)]]

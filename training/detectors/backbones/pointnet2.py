@@ -47,12 +47,12 @@ class FeaturePropagation(nn.Module):
         place_features: Tensor,
     ) -> Tensor:
         """Features (N, mlp[-1]) of points xyz (N, 3), `counts` (B,) a frame, with `features`."""
-        own = functional.linear(features, self.mlp.first[:, self.inputs :])
+        skipped = functional.linear(features, self.mlp.first[:, self.inputs :])
         distance, idx = three_nn(xyz, counts, places, place_counts)
         # Convolution and interpolation are both linear: places are fewer than points.
         rows = functional.linear(place_features, self.mlp.first[:, : self.inputs])
         rows = interpolate(rows, idx, inverse_distance_weights(distance))
-        return self.mlp.after_first(own + rows)
+        return self.mlp.after_first(skipped + rows)
 
 
 class AbstractionLevels(nn.ModuleList):
@@ -70,14 +70,14 @@ class AbstractionLevels(nn.ModuleList):
     def descend(
         self, xyz: Tensor, counts: Tensor, features: Tensor
     ) -> list[tuple[Tensor, Tensor, Tensor]]:
-        """These, and the places of each level, their number in a frame and their features."""
-        found = [(xyz, counts, features)]
+        """List the arguments, then for each level the places, their number a frame, features."""
+        levels = [(xyz, counts, features)]
         for places, module in zip(self.places, self, strict=False):
-            xyz, counts, _ = found[-1]
+            xyz, counts, _ = levels[-1]
             rows, new_counts = furthest_point_sample(xyz, counts, places)
             new_xyz = xyz[rows]
-            found.append((new_xyz, new_counts, module(*found[-1], new_xyz, new_counts)))
-        return found
+            levels.append((new_xyz, new_counts, module(*levels[-1], new_xyz, new_counts)))
+        return levels
 
 
 class PointNet2(nn.Module):
@@ -88,10 +88,10 @@ class PointNet2(nn.Module):
         self.outputs = settings.propagation[0][-1]
         self.SA_modules = AbstractionLevels(inputs, settings.levels)
         channels = self.SA_modules.channels
-        below = [*(mlp[-1] for mlp in settings.propagation[1:]), channels[-1]]
+        inputs_of_levels = [*(mlp[-1] for mlp in settings.propagation[1:]), channels[-1]]
         self.FP_modules = nn.ModuleList(
             FeaturePropagation(*sizes)
-            for sizes in zip(below, channels, settings.propagation, strict=False)
+            for sizes in zip(inputs_of_levels, channels, settings.propagation, strict=False)
         )
 
     def forward(self, xyz: Tensor, counts: Tensor, features: Tensor) -> Tensor:

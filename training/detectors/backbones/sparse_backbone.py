@@ -54,7 +54,7 @@ class VoxelBackBone8x(nn.Module):
         self.conv_out = SparseBlock(last, momentum)
 
     def forward(self, voxels: SparseTensor) -> dict[str, SparseTensor]:
-        """ "x_conv1" … "x_conv4", strides 1, 2, 4, 8, and "encoded", stride 8, few layers high."""
+        """Compute "x_conv1" … "x_conv4", strides 1, 2, 4, 8, and "encoded", stride 8, low."""
         # Coordinates are features here, and 16 bits would round them to 25 cm at the far end.
         with torch.autocast(voxels.features.device.type, enabled=False):
             x = self.conv_input(voxels)

@@ -18,12 +18,12 @@ from training.ops.sampling import furthest_point_sample
 from training.ops.sparse_conv import SparseTensor
 
 SCALES = {"x_conv1": 1, "x_conv2": 2, "x_conv3": 4, "x_conv4": 8}
-"""Scales of the sparse backbone and the edge of their voxels, in voxels of the grid."""
+"""Scales of the sparse backbone, with the edge of their voxels in voxels of the grid."""
 
 
 @dataclass(frozen=True)
 class KeypointSettings:
-    """What fixes a VoxelSetAbstraction."""
+    """Settings of a VoxelSetAbstraction."""
 
     keypoints: int  # of each frame
     raw_points: BallSettings  # balls of points
@@ -52,7 +52,7 @@ class VoxelSetAbstraction(nn.Module):
     ) -> None:
         super().__init__()
         self.keypoints, self.grid = settings.keypoints, grid
-        layers = [SetAbstraction(*own) for own in zip(channels, settings.scales, strict=True)]
+        layers = [SetAbstraction(*of) for of in zip(channels, settings.scales, strict=True)]
         self.SA_layers = nn.ModuleList(layers)
         self.SA_rawpoints = SetAbstraction(1, settings.raw_points)
         self.inputs = bev + sum(layer.outputs for layer in (self.SA_rawpoints, *layers))
@@ -67,9 +67,8 @@ class VoxelSetAbstraction(nn.Module):
     ) -> Keypoints:
         """Keypoints of frames of points (N, 4), float32, finite and in the range.
 
-        Args:
-            scales: SCALES of the sparse backbone.
-            bev: the encoded grid from above, (B, bev, ny, nx).
+        `scales` are SCALES of the sparse backbone, `bev` (B, bev, ny, nx) the encoded grid from
+        above.
         """
         counts = torch.tensor([len(frame) for frame in points], device=bev.device)
         stacked = torch.cat(list(points))
@@ -99,7 +98,7 @@ class VoxelSetAbstraction(nn.Module):
 
 
 def mixed(voxels: SparseTensor) -> SparseTensor:
-    """The voxels of each frame in another order, which depends on their places alone.
+    """Mix the voxels of each frame in an order that depends on their places alone.
 
     A ball keeps its first voxels. In the order of a SparseTensor they would be its lowest ones.
     """

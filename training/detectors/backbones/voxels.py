@@ -43,8 +43,9 @@ class VoxelGrid:
 
 
 @njit(cache=True)
-def _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels):
+def _voxel_kernel(points, low, size, cells, max_points, max_voxels):
     """Keys ((z * ny + y) * nx + x) of the voxels and the means of their points."""
+    nz, ny, nx = cells
     # A hash table with open addressing: a table of all cells would be far larger than the cloud.
     slots = 16
     while slots < 2 * len(points):
@@ -53,7 +54,7 @@ def _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels):
     keys = np.empty(min(len(points), max_voxels), np.int64)
     counts = np.zeros(len(keys), np.int64)
     sums = np.zeros((len(keys), points.shape[1]))
-    found = 0
+    voxels = 0
     for i in range(len(points)):
         # float32 throughout, as upstream: a point on a face must fall on the same side.
         fx = np.floor((points[i, 0] - low[0]) / size[0])
@@ -69,44 +70,42 @@ def _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels):
             slot = (slot + np.uint64(1)) & last
         voxel = table[slot]
         if voxel < 0:
-            if found == max_voxels:
+            if voxels == max_voxels:
                 continue
-            voxel = found
-            table[slot] = voxel
+            voxel = table[slot] = voxels
             keys[voxel] = key
-            found += 1
+            voxels += 1
         if counts[voxel] < max_points:
             counts[voxel] += 1
             for c in range(points.shape[1]):
                 sums[voxel, c] += points[i, c]
-    means = np.empty((found, points.shape[1]), np.float32)
-    for i in range(found):
+    means = np.empty((voxels, points.shape[1]), np.float32)
+    for i in range(voxels):
         for c in range(points.shape[1]):
             means[i, c] = sums[i, c] / counts[i]
-    return keys[:found], means
+    return keys[:voxels], means
 
 
 def voxelise(
     frames: Sequence[Tensor], grid: VoxelGrid, training: bool, device: torch.device
 ) -> SparseTensor:
-    """Means (N, 4) float32 of the points (M, 4) in each voxel; points outside are dropped.
+    """Average the points (M, 4) in each voxel, (N, 4) float32; points outside are dropped.
 
     A point on the far face of the range is outside, one that is not finite too. The first points
     of a voxel and the first voxels of a frame are kept, as OpenPCDet's voxeliser does.
     """
-    nz, ny, nx = grid.cells
     low, size = (np.array(item, np.float32) for item in (grid.point_range[:3], grid.size))
     unlimited = np.iinfo(np.int64).max
     max_points = grid.max_points or unlimited
     max_voxels = unlimited if grid.max_voxels is None else grid.max_voxels[0 if training else 1]
-    found = []
+    parts = []
     for index, frame in enumerate(frames):
         points = np.ascontiguousarray(frame.detach().cpu().numpy(), np.float32)
-        keys, means = _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels)
+        keys, means = _voxel_kernel(points, low, size, grid.cells, max_points, max_voxels)
         order = np.argsort(keys)
-        place = np.unravel_index(keys[order], (nz, ny, nx))
-        found.append((means[order], np.stack([np.full_like(keys, index), *place], axis=1)))
+        place = np.unravel_index(keys[order], grid.cells)
+        parts.append((means[order], np.stack([np.full_like(keys, index), *place], axis=1)))
     features, coordinates = (
-        torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*found, strict=True)
+        torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*parts, strict=True)
     )
     return SparseTensor(features, coordinates, grid.shape, len(frames))

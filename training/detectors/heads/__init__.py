@@ -1,1 +1,1 @@
-"""From features to boxes: anchors, proposals, second stages, losses."""
+"""Heads, from features to boxes: anchors, proposals, second stages, losses."""

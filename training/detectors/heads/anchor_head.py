@@ -68,12 +68,12 @@ class AnchorHead(nn.Module):
         )
 
     def targets(self, boxes: Rows, labels: Rows) -> list[Targets]:
-        """What the anchors of each frame have to learn."""
+        """Compute what the anchors of each frame have to learn."""
         frames = zip(boxes, labels, strict=True)
         return [assign_targets(self._grid, self.classes, *objects) for objects in frames]
 
     def loss(self, output: HeadOutput, targets: Sequence[Targets]) -> dict[str, Tensor]:
-        """ "loss" and its parts: classification, location, direction; means over the frames.
+        """Compute "loss" and its parts classification, location, direction, means over frames.
 
         Each frame's losses are divided by its number of anchors with an object, at least 1.
         """
@@ -98,12 +98,12 @@ class AnchorHead(nn.Module):
         return {"loss": classification + location + direction, **parts}
 
     def decode(self, output: HeadOutput) -> tuple[Tensor, Tensor]:
-        """Logits (B, A, C) and boxes (B, A, 7); yaw is turned into the half that was predicted."""
+        """Decode logits (B, A, C) and boxes (B, A, 7); yaw is turned into the predicted half."""
         anchors = self.anchors.reshape(1, -1, 7)
         return output.logits, _boxes(output.residuals, output.directions, anchors)
 
     def decode_likely(self, output: HeadOutput, lowest: float) -> list[tuple[Tensor, Tensor]]:
-        """Per frame `decode` of the anchors with some logit of at least `lowest`, in their order.
+        """Decode per frame the anchors with some logit of at least `lowest`, in their order.
 
         Logits (P, C) and boxes (P, 7): few of the anchors are near an object.
         """
@@ -125,6 +125,6 @@ def _boxes(residuals: Tensor, directions: Tensor, anchors: Tensor) -> Tensor:
 
 
 def direction_bin(yaw: Tensor) -> Tensor:
-    """Which half-circle, counted from DIRECTION_OFFSET, a yaw (P,) points to: 0 or 1, int64."""
+    """Number of the half-circle from DIRECTION_OFFSET on that a yaw (P,) is in: 0 or 1, int64."""
     turn = limit_period(yaw - DIRECTION_OFFSET, 0.0, 2 * math.pi)
     return (turn / (2 * math.pi / BINS)).floor().long().clamp(0, BINS - 1)

@@ -33,21 +33,21 @@ KITTI_ANCHORS = {
     "Pedestrian": AnchorClass((0.8, 0.6, 1.73), -0.6, matched=0.5, unmatched=0.35),
     "Cyclist": AnchorClass((1.76, 0.6, 1.73), -0.6, matched=0.5, unmatched=0.35),
 }
-"""OpenPCDet's for KITTI, in KITTI's LiDAR frame."""
+"""Anchors of OpenPCDet for KITTI, in KITTI's LiDAR frame."""
 
 PAPER_ANCHORS = KITTI_ANCHORS | {
     # Sizes are the paper's. It names no heights: these stand on the ground, as its objects do.
     "Pedestrian": replace(KITTI_ANCHORS["Pedestrian"], size=(0.7, 0.7, 1.5), bottom=-1.78),
     "Cyclist": replace(KITTI_ANCHORS["Cyclist"], size=(1.5, 0.9, 1.0), bottom=-1.78),
 }
-"""The paper's, in KITTI's LiDAR frame."""
+"""Anchors of the paper, in KITTI's LiDAR frame."""
 
 TINY_ANCHORS = {
     "Car": AnchorClass((4.4, 1.9, 1.6), 0.0, matched=0.5, unmatched=0.35),
     "Pedestrian": AnchorClass((0.8, 0.6, 1.73), 0.0, matched=0.35, unmatched=0.2),
     "Cyclist": AnchorClass((1.76, 0.6, 1.73), 0.0, matched=0.35, unmatched=0.2),
 }
-"""For coarse cells, in the ego frame."""
+"""Anchors for coarse cells, in the ego frame."""
 
 
 @dataclass(frozen=True)
@@ -67,19 +67,21 @@ class AnchorPreset:
         """
 
         def like(item: TypicalObject) -> AnchorClass:
-            def difference(own: AnchorClass) -> float:
-                return abs(math.log(math.prod(own.size[:2]) / math.prod(item.size[:2])))
+            def difference(anchor: AnchorClass) -> float:
+                return abs(math.log(math.prod(anchor.size[:2]) / math.prod(item.size[:2])))
 
             nearest = min(self.anchors.values(), key=difference)
             return replace(nearest, size=item.size, bottom=item.bottom - self.sensor_height)
 
-        return replace(self, anchors={**self.anchors, **{own.name: like(own) for own in typical}})
+        return replace(
+            self, anchors={**self.anchors, **{item.name: like(item) for item in typical}}
+        )
 
 
 def anchor_grid(
     classes: Sequence[AnchorClass], point_range: PointRange, shape: tuple[int, int], centred: bool
 ) -> Tensor:
-    """All anchors, shape (ny, nx, number of classes × rotations, 7), float32.
+    """Lay out all anchors, shape (ny, nx, number of classes × rotations, 7), float32.
 
     `shape` is nx, ny of the head's feature map. Anchors that are not `centred` in its cells are
     spread from edge to edge of the range, as in OpenPCDet's KITTI models (align_center).
@@ -104,7 +106,7 @@ def anchor_grid(
 
 
 def _halves(boxes: Tensor) -> Tensor:
-    """Half of the sides along x and along y of the turned boxes, (2, N)."""
+    """Half the sides along x and along y of the turned boxes, (2, N)."""
     sides = boxes[:, 3:5].T
     across = limit_period(boxes[:, 6], 0.5, math.pi).abs() >= math.pi / 4
     return torch.where(across, sides.flip(0), sides) / 2
@@ -122,8 +124,8 @@ def assign_targets(
     The objects of the frame are boxes (M, 7) and labels (M,), from 1 in order of `classes`. Returns
     targets where they are.
     """
-    own, here = labels.cpu().numpy(), boxes.to(anchors)
-    places, sides = here[:, :2].T, _halves(here)
+    label_of, objects = labels.cpu().numpy(), boxes.to(anchors)
+    places, sides = objects[:, :2].T, _halves(objects)
     edges = torch.cat([places - sides, places + sides]).numpy()
     x, y = anchors[0, :, :, 0].numpy(), anchors[:, 0, :, 1].numpy()
     halves = _halves(anchors[0, 0]).numpy()
@@ -133,8 +135,8 @@ def assign_targets(
     for label, item in enumerate(classes, 1):
         part = slice(first, first + len(item.rotations))
         first = part.stop
-        objects = np.flatnonzero(own == label)
-        best, target, forced = _overlaps(x[:, part], y[:, part], halves[:, part], edges, objects)
+        rows = np.flatnonzero(label_of == label)
+        best, target, forced = _overlaps(x[:, part], y[:, part], halves[:, part], edges, rows)
         view = result[:, :, part]
         view[best < item.unmatched] = 0
         view[forced | (best >= item.matched)] = label
@@ -142,8 +144,8 @@ def assign_targets(
     flat = result.ravel()
     positive = np.flatnonzero(flat > 0)
     arrays = (flat, positive, chosen.ravel()[positive])
-    learnt, rows, taken = (torch.from_numpy(item).to(boxes.device) for item in arrays)
-    return Targets(learnt, rows, boxes[taken])
+    learnt, learning, taken = (torch.from_numpy(item).to(boxes.device) for item in arrays)
+    return Targets(learnt, learning, boxes[taken])
 
 
 @njit(cache=True, error_model="numpy")
@@ -162,26 +164,22 @@ def _overlaps(x, y, halves, edges, objects):
         x0, y0, x1, y1 = edges[:, m]
         area = (x1 - x0) * (y1 - y0)
         most = x.dtype.type(0)
-        for again in range(2):
-            for k in range(shape[2]):
+        for again in range(2):  # the second time to mark those with the largest overlap
+            for line in range(shape[2] * shape[0]):
+                k, i = line // shape[0], line % shape[0]
                 hx, hy = halves[:, k]
-                for i in range(shape[0]):
-                    low, high = y[i, k] - hy, y[i, k] + hy
-                    dy = min(y1, high) - max(y0, low)
-                    if not dy > 0:
+                low, high = y[i, k] - hy, y[i, k] + hy
+                side, dy = high - low, min(y1, high) - max(y0, low)
+                for j in range(shape[1] if dy > 0 else 0):
+                    low, high = x[j, k] - hx, x[j, k] + hx
+                    dx = min(x1, high) - max(x0, low)
+                    if not dx > 0:
                         continue
-                    side = high - low
-                    for j in range(shape[1]):
-                        low, high = x[j, k] - hx, x[j, k] + hx
-                        dx = min(x1, high) - max(x0, low)
-                        if not dx > 0:
-                            continue
-                        common = dx * dy
-                        overlap = common / max(area + (high - low) * side - common, least)
-                        if again:
-                            forced[i, j, k] |= overlap == most
-                        else:
-                            most = max(most, overlap)
-                            if overlap > best[i, j, k]:
-                                best[i, j, k], target[i, j, k] = overlap, m
+                    common = dx * dy
+                    overlap = common / max(area + (high - low) * side - common, least)
+                    most = max(most, overlap)
+                    if again and overlap == most:
+                        forced[i, j, k] = True
+                    if overlap > best[i, j, k]:
+                        best[i, j, k], target[i, j, k] = overlap, m
     return best, target, forced

@@ -11,7 +11,7 @@ BETA = 1 / 9  # where smooth L1 turns from a square into a line
 
 @dataclass(frozen=True)
 class Targets:
-    """What the anchors of a frame, or the points of a batch, have to learn."""
+    """Targets of the anchors of a frame, or of the points of a batch."""
 
     labels: Tensor  # label of the object, 0 for background, -1 for neither, shape (A,), int64
     positive: Tensor  # those with an object, shape (P,), int64

@@ -23,18 +23,18 @@ def point_targets(xyz: Tensor, counts: Tensor, boxes: Rows, labels: Rows) -> Tar
 
     The objects of a frame are `boxes` (M, 7) and `labels` (M,), from 1.
     """
-    found, first = [], 0
+    targets, first = [], 0
     frames = zip(xyz.split(counts.tolist()), boxes, labels, strict=True)
     for points, frame_boxes, frame_labels in frames:
         box = box_of_points(points, frame_boxes)
         wide = frame_boxes.clone()
         wide[:, 3:6] += EXTRA
-        own = torch.nonzero(box >= 0).flatten()
+        inside = torch.nonzero(box >= 0).flatten()
         label = torch.where(box_of_points(points, wide) >= 0, -1, 0)
-        label[own] = frame_labels[box[own]]
-        found.append((label, own + first, frame_boxes[box[own]]))
+        label[inside] = frame_labels[box[inside]]
+        targets.append((label, inside + first, frame_boxes[box[inside]]))
         first += len(points)
-    return Targets(*map(torch.cat, zip(*found, strict=True)))
+    return Targets(*map(torch.cat, zip(*targets, strict=True)))
 
 
 def point_layers(inputs: int, hidden: Sequence[int], outputs: int) -> nn.Sequential:
@@ -58,7 +58,7 @@ def segmentation_loss(logits: Tensor, labels: Tensor) -> Tensor:
 
 
 class PointHeadSimple(nn.Module):
-    """Whether a point lies on an object, of whatever class: PV-RCNN's keypoint segmentation."""
+    """Probability that a point lies on some object: PV-RCNN's keypoint segmentation."""
 
     def __init__(self, inputs: int, hidden: Sequence[int]) -> None:
         super().__init__()
@@ -108,15 +108,15 @@ class PointHeadBox(nn.Module):
         return decode_points(output.residuals, xyz, sizes)
 
     def loss(self, output: PointOutput, targets: Targets, xyz: Tensor) -> dict[str, Tensor]:
-        """ "point_cls" and "point_box", both over the number of points on objects."""
+        """Compute "point_cls" and "point_box", both over the number of points on objects."""
         sizes = self.sizes[targets.labels[targets.positive] - 1]
         expected = encode_points(targets.boxes, xyz[targets.positive], sizes)
-        found = output.residuals[targets.positive]
+        residuals = output.residuals[targets.positive]
         if self.either_way:
-            backwards = (found * expected)[:, 6:].sum(dim=1, keepdim=True) < 0
+            backwards = (residuals * expected)[:, 6:].sum(dim=1, keepdim=True) < 0
             yaw = torch.where(backwards, -expected[:, 6:], expected[:, 6:])
             expected = torch.cat([expected[:, :6], yaw], dim=1)
-        box = functional.smooth_l1_loss(found, expected, reduction="sum", beta=BETA)
+        box = functional.smooth_l1_loss(residuals, expected, reduction="sum", beta=BETA)
         return {
             "point_cls": segmentation_loss(output.logits, targets.labels),
             "point_box": box / max(1, len(targets.positive)),

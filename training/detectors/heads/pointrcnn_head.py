@@ -22,7 +22,7 @@ DEPTH_SCALE = 70.0  # a point's distance from the sensor enters as a share of th
 
 @dataclass(frozen=True, kw_only=True)
 class PointRoiSettings(RoiSettings):
-    """What fixes a PointRCNNHead."""
+    """Settings of a PointRCNNHead."""
 
     points: int  # of each proposal, chosen or repeated
     margin: float  # points so far outside belong to it, too, counting both sides, metres
@@ -85,7 +85,7 @@ class PointRCNNHead(RoiHead):
         depth = torch.linalg.vector_norm(points.xyz, dim=1) / DEPTH_SCALE - 0.5
         scores_and_depths = torch.stack([points.scores, depth], dim=1)
         rows = torch.cat([scores_and_depths, points.features.to(depth.dtype)], dim=1)
-        parts = (own.split(points.counts.tolist()) for own in (points.xyz, rows))
+        parts = (part.split(points.counts.tolist()) for part in (points.xyz, rows))
         frames = []
         for frame_rois, xyz, features in zip(rois, *parts, strict=True):
             pooled, empty = roipoint_pool(xyz, features, frame_rois, self.points, self.margin)

@@ -13,7 +13,7 @@ from training.ops.nms import nms
 
 @dataclass(frozen=True)
 class Suppression:
-    """How a frame's proposals are chosen from its boxes."""
+    """Rule by which a frame's proposals are chosen from its boxes."""
 
     nms: float  # largest IoU from above of two proposals (NMS_THRESH)
     pre: int  # only the so many best boxes take part (NMS_PRE_MAXSIZE)
@@ -32,20 +32,20 @@ class Proposals(NamedTuple):
 def propose(
     logits: Iterable[Tensor], boxes: Iterable[Tensor], suppression: Suppression
 ) -> Proposals:
-    """The best of `boxes` (A, 7) with `logits` (A, C) of every frame, best first.
+    """Choose the best of `boxes` (A, 7) with `logits` (A, C) of every frame, best first.
 
     Suppression is class-agnostic. A box that is not finite cannot be looked at again and is no
     proposal.
     """
-    frames = [_propose_in_frame(*own, suppression) for own in zip(logits, boxes, strict=True)]
+    frames = [_propose_in_frame(*frame, suppression) for frame in zip(logits, boxes, strict=True)]
     return Proposals(*map(torch.stack, zip(*frames, strict=True)))
 
 
 def _propose_in_frame(logits: Tensor, boxes: Tensor, suppression: Suppression) -> Proposals:
     scores, labels = logits.max(dim=1)
     usable = torch.nonzero(boxes.isfinite().all(dim=1) & scores.isfinite()).flatten()
-    kept = nms(boxes[usable], scores[usable], suppression.nms, suppression.pre, suppression.post)
-    rows = usable[kept]
+    rules = suppression.nms, suppression.pre, suppression.post
+    rows = usable[nms(boxes[usable], scores[usable], *rules)]
     fill = 0, suppression.post - len(rows)
     return Proposals(
         functional.pad(boxes[rows], (0, 0, *fill)),

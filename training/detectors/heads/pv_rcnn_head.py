@@ -17,7 +17,7 @@ from training.detectors.layers import RowConv1d, precise, row_layers
 
 @dataclass(frozen=True, kw_only=True)
 class PvRcnnHeadSettings(RoiSettings):
-    """What fixes a PvRcnnHead."""
+    """Settings of a PvRcnnHead."""
 
     grid: int  # grid points along each axis of a RoI
     balls: BallSettings  # of keypoints around a grid point

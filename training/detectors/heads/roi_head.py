@@ -1,4 +1,4 @@
-"""What the second stages share: proposals, their sample, losses, refined boxes, detections."""
+"""Base of the second stages: proposals, their sample, losses, refined boxes, detections."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -46,12 +46,14 @@ class RoiHead(nn.Module):
         self.settings = settings
 
     def propose(self, logits: Iterable[Tensor], boxes: Iterable[Tensor]) -> Proposals:
-        """`propose` as the settings have it for training or for evaluation."""
+        """Propose boxes by the settings for training, or for evaluation."""
         return propose(logits, boxes, self.settings.train if self.training else self.settings.test)
 
     def loss(self, output: RoiOutput, targets: RoiTargets) -> dict[str, Tensor]:
-        """ "rcnn_cls", cross entropy of the RoIs that learn a score; if there are residuals,
-        "rcnn_reg", smooth L1, and "rcnn_corner" of those that learn a box.
+        """Compute "rcnn_cls", cross entropy of the RoIs that learn a score.
+
+        If there are residuals, also "rcnn_reg", smooth L1, and "rcnn_corner" of those that learn a
+        box.
         """
         scores = targets.scores.flatten()
         cross_entropy = functional.binary_cross_entropy_with_logits(
@@ -61,10 +63,10 @@ class RoiHead(nn.Module):
         losses = {"rcnn_cls": (cross_entropy * scored).sum() / scored.sum().clamp_min(1)}
         if output.residuals is None:
             return losses
-        own = torch.nonzero(targets.regress.flatten()).flatten()
-        count = max(1, len(own))
-        residuals = output.residuals[own]
-        rois, boxes = targets.rois.boxes.flatten(0, 1)[own], targets.boxes.flatten(0, 1)[own]
+        rows = torch.nonzero(targets.regress.flatten()).flatten()
+        count = max(1, len(rows))
+        residuals = output.residuals[rows]
+        rois, boxes = (part.flatten(0, 1)[rows] for part in (targets.rois.boxes, targets.boxes))
         expected = encode_in_rois(boxes, rois)
         box = functional.smooth_l1_loss(residuals, expected, reduction="sum", beta=BETA)
         corner = corner_loss(decode_in_rois(residuals, rois), boxes).sum()
@@ -86,12 +88,12 @@ class RoiHead(nn.Module):
         refined = self.refine(output, proposals.boxes)
         real = (proposals.boxes[..., 3:6] > 0).all(dim=-1) & refined.isfinite().all(dim=-1)
         parts = (refined, output.logits.view(proposals.scores.shape), proposals.labels)
-        found = []
-        for own, *frame in zip(real, *parts, strict=True):
-            boxes, logits, labels = (part[own] for part in frame)
+        frames = []
+        for usable, *frame in zip(real, *parts, strict=True):
+            boxes, logits, labels = (part[usable] for part in frame)
             rows = select_rows(logits, boxes, selection)
-            found.append({**detections(boxes, logits, labels, rows), "refined": boxes})
-        return found
+            frames.append({**detections(boxes, logits, labels, rows), "refined": boxes})
+        return frames
 
 
 def corner_loss(boxes: Tensor, expected: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Which proposals a second stage is trained on, and what each of them has to learn."""
+"""Sample of the proposals on which a second stage is trained, and its targets."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -13,7 +13,7 @@ from training.ops.box_overlap import iou_3d
 
 @dataclass(frozen=True)
 class RoiSampling:
-    """How RoIs are sampled and labelled (OpenPCDet's TARGET_CONFIG; its values as defaults).
+    """Rule by which RoIs are sampled and labelled (OpenPCDet's TARGET_CONFIG and its values).
 
     A RoI's IoU is its largest 3D IoU with an object of its own class.
     """
@@ -50,14 +50,14 @@ def sample_rois(
     of a frame are `boxes` (M, 7) and `labels` (M,), from 1.
     """
     frames = zip(*proposals, boxes, labels, strict=True)
-    samples = [_sample_in_frame(Proposals(*own[:3]), *own[3:], sampling) for own in frames]
+    samples = [_sample_in_frame(Proposals(*frame[:3]), *frame[3:], sampling) for frame in frames]
     *rois, objects, iou = map(torch.stack, zip(*samples, strict=True))
     scores, regress = score_targets(iou, sampling), iou > sampling.regression
     return RoiTargets(Proposals(*rois), objects, scores, regress)
 
 
 def score_targets(iou: Tensor, sampling: RoiSampling) -> Tensor:
-    """What the scores of RoIs with this IoU have to become, same shape; -1 for nothing."""
+    """Scores that RoIs with these IoUs have to learn, same shape; -1 for nothing."""
     low, high = sampling.cls_background, sampling.cls_foreground
     if sampling.score == "roi_iou":
         return ((iou - low) / (high - low)).clamp(0, 1)

@@ -12,7 +12,7 @@ from training.detectors.layers import RowConv1d, precise, row_layers
 
 @dataclass(frozen=True, kw_only=True)
 class SecondIouSettings(RoiSettings):
-    """What fixes a SecondIouHead."""
+    """Settings of a SecondIouHead."""
 
     grid: int = 7  # places of a RoI along its length and its width
     shared: tuple[int, ...] = (256, 256)  # outputs of the hidden layers

@@ -1,4 +1,4 @@
-"""From the scored boxes of a frame to its detections."""
+"""Selection of the detections of a frame from its scored boxes."""
 
 import math
 
@@ -10,7 +10,7 @@ from training.ops.nms import nms
 
 
 def select_boxes(logits: Tensor, boxes: Tensor, selection: Selection) -> dict[str, Tensor]:
-    """Those of `boxes` (A, 7), with logits (A, C) of every class, that are detections of a frame.
+    """Select the detections of a frame from boxes (A, 7) with logits (A, C) of every class.
 
     After class-agnostic suppression, best score first.
     """
@@ -19,7 +19,7 @@ def select_boxes(logits: Tensor, boxes: Tensor, selection: Selection) -> dict[st
 
 
 def detections(boxes: Tensor, logits: Tensor, labels: Tensor, rows: Tensor) -> dict[str, Tensor]:
-    """Rows (M,) of each: "boxes" (M, 7), "scores" (M,) and "labels" (M,), int64 from 1.
+    """Gather rows (M,) as "boxes" (M, 7), "scores" (M,) and "labels" (M,), int64 from 1.
 
     A score is a sigmoid that is rounded from double precision, so that it rises with its logit.
     """
@@ -28,16 +28,16 @@ def detections(boxes: Tensor, logits: Tensor, labels: Tensor, rows: Tensor) -> d
 
 
 def select_rows(logits: Tensor, boxes: Tensor, selection: Selection) -> Tensor:
-    """Rows (M,) of the detections among boxes (A, 7) with `logits` (A,), best first.
+    """Select the rows (M,) of the detections among boxes (A, 7) with `logits` (A,), best first.
 
     Boxes that are not finite are no detections. Logits decide, not probabilities: those are rounded
     otherwise on another machine, and large ones are all 1.
     """
     # A badly trained network makes boxes without end, which overlap nothing that could be measured.
-    usable = (logits >= logit(selection.score)) & boxes.isfinite().all(dim=1)
-    above = torch.nonzero(usable).flatten()
-    kept = nms(boxes[above], logits[above], selection.nms, selection.pre, selection.post)
-    return above[kept]
+    is_usable = (logits >= logit(selection.score)) & boxes.isfinite().all(dim=1)
+    usable = torch.nonzero(is_usable).flatten()
+    rules = selection.nms, selection.pre, selection.post
+    return usable[nms(boxes[usable], logits[usable], *rules)]
 
 
 def logit(probability: float) -> float:

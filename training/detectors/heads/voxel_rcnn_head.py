@@ -14,15 +14,15 @@ from training.detectors.layers import PaddedBatchNorm, RowConv1d, RowConv2d, pre
 from training.ops.grouping import group
 from training.ops.sparse_conv import SparseTensor
 from training.ops.sparse_rules import Triple
-from training.ops.voxel_query import voxel_query
+from training.ops.voxel_query import OccupiedVoxels, voxel_query
 
 STRIDES = {"x_conv2": 2, "x_conv3": 4, "x_conv4": 8}
-"""Scales of the sparse backbone that are looked at, and the edge of their voxels in voxels."""
+"""Scales of the sparse backbone that are pooled, with the edge of their voxels in voxels."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class VoxelRcnnSettings(RoiSettings):
-    """What fixes a VoxelRcnnHead."""
+    """Settings of a VoxelRcnnHead."""
 
     grid: int = 6  # places of a RoI along each of its axes
     radii: tuple[float, ...] = (0.4, 0.8, 1.6)  # of a neighbourhood, at each of STRIDES, metres
@@ -126,9 +126,8 @@ class NeighbourVoxelPool(nn.Module):
 
         From N voxels at the centres (N, 3).
         """
-        query = self.reach, self.radius, self.samples
-        occupied = centres, voxels.coordinates, voxels.shape
-        idx, empty = voxel_query(*query, *occupied, places, cells)
+        occupied = OccupiedVoxels(centres, voxels.coordinates, voxels.shape)
+        idx, empty = voxel_query(self.reach, self.radius, self.samples, occupied, places, cells)
         features = self.mlps_in[0](voxels.features)
         offsets = group(centres, idx) - places[:, None]
         offsets = offsets.masked_fill(empty[:, None, None], 0)

@@ -1,4 +1,4 @@
-"""What a file of requirements asks: its rigs, and its requirements laid out around the vehicle."""
+"""A file of requirements: its rigs, and its requirements laid out around the vehicle."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -60,19 +60,25 @@ class RequirementsFile(Settings):
 
 
 @dataclass(frozen=True)
-class Question:
-    """Rigs of different names, the vehicle that carries them, to whose body belongs what is kept
-    out, the requirements, laid out around it, and cameras and radars of each rig."""
+class RequirementsCheck:
+    """Rigs to check against requirements.
+
+    Attributes:
+        rigs: of different names.
+        vehicle: that carries them, with everything kept out.
+        layouts: the requirements, laid out around it.
+        further: cameras and radars of each rig."""
 
     rigs: tuple[Placement, ...]
     vehicle: Vehicle
-    laid: tuple[RequirementLayout, ...]
+    layouts: tuple[RequirementLayout, ...]
     further: tuple[tuple[MountedSensor, ...], ...]
 
 
-def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
-    """Read a file, its rigs and curves, and lay out its requirements. Raises ValueError, which
-    names file, key and what is wrong, and OSError."""
+def read_requirements_check(path: Path, overrides: Sequence[str] = ()) -> RequirementsCheck:
+    """Read a file, its rigs and curves, and lay out its requirements.
+
+    Raises ValueError, which names file, key and fault, and OSError."""
     raw = read_yaml(path, overrides, RequirementsFile)
     with at(path, ConfigError), plugin_folder(path.parent):
         file = check_file(RequirementsFile, raw, path)
@@ -80,24 +86,26 @@ def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
         body = vehicle_of(file.vehicle)
         rigs, further = zip(*_rigs(file), strict=True)
         for rig, others in zip(rigs, further, strict=True):
-            check_asked(rig, body, file.requirements, others)
+            check_rig_fits(rig, body, file.requirements, others)
             _check_kept_out(rig, file.keep_out)
         vehicle = vehicle_of(carrier_of(file.vehicle, file.keep_out))
-        return Question(rigs, vehicle, laid_out(file.requirements, vehicle, curves), further)
+        return RequirementsCheck(
+            rigs, vehicle, lay_out_requirements(file.requirements, vehicle, curves), further
+        )
 
 
-def laid_out(
+def lay_out_requirements(
     requirements: Sequence[RequirementSettings],
     vehicle: Vehicle,
     curves: DetectionCurves,
     key: str = "requirements",
 ) -> tuple[RequirementLayout, ...]:
-    """Each of those of a key around the vehicle. Raises InputError."""
-    laid = []
+    """Lay out each of the requirements of a key around the vehicle. Raises InputError."""
+    layouts = []
     for number, settings in enumerate(requirements):
         with at(key=f"{key}[{number}] {settings.name!r}"):
-            laid.append(lay_out(settings.requirement(vehicle, curves), vehicle))
-    return tuple(laid)
+            layouts.append(lay_out(settings.requirement(vehicle, curves), vehicle))
+    return tuple(layouts)
 
 
 def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, ...]]]:
@@ -109,9 +117,9 @@ def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, 
     rigs = []
     for name in names:
         if name in file.placements:
-            own = file.placements[name]
+            settings = file.placements[name]
             with at(key=f"placements.{name}"):
-                rigs.append((own.placement(name, lidar), own.further()))
+                rigs.append((settings.placement(name, lidar), settings.further()))
         elif name in PAPER_PLACEMENTS:
             rigs.append((PAPER_PLACEMENTS[name].with_lidar(lidar), ()))
         elif Path(name).is_dir() or name.endswith((".yaml", ".yml")):
@@ -120,9 +128,9 @@ def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, 
             with at(path):
                 rigs.append((rig, read_placement_settings(path).further()))
         else:
-            known = [*file.placements, *PAPER_PLACEMENTS]
-            problem = f"no placement {name!r}{did_you_mean(name, known)}"
-            expected = f"{', '.join(known)}, a FILE.yaml, a run folder"
+            names_known = [*file.placements, *PAPER_PLACEMENTS]
+            problem = f"no placement {name!r}{did_you_mean(name, names_known)}"
+            expected = f"{', '.join(names_known)}, a FILE.yaml, a run folder"
             raise InputError(problem, key="rigs", expected=expected)
     return rigs
 
@@ -135,7 +143,7 @@ def _check_kept_out(rig: Placement, keep_out: Mapping[str, KeepOutSettings]) -> 
                 raise InputError(problem, key=repr(rig.name))
 
 
-def check_asked(
+def check_rig_fits(
     rig: Placement,
     vehicle: Vehicle,
     requirements: Sequence[RequirementSettings],
@@ -144,27 +152,27 @@ def check_asked(
     """Raise ValueError if a LiDAR is inside of the vehicle's body, and as `check_lidars`."""
     check_lidars(rig, requirements)
     kinds = ["lidar"] * len(rig.mounts) + [sensor.kind for sensor in further]
-    for own in requirements:
-        check_dead(own, kinds)
-        if own.common_view is not None:
-            with at(key=f"{own.name!r}: {rig.name!r}"):
-                check_pairs(own.common_view.asked(), len(kinds))
+    for requirement in requirements:
+        check_dead_sensors(requirement, kinds)
+        if requirement.common_view is not None:
+            with at(key=f"{requirement.name!r}: {rig.name!r}"):
+                check_pairs(requirement.common_view.view(), len(kinds))
     check_mounts(rig, vehicle)
 
 
 def check_lidars(rig: Placement, requirements: Sequence[RequirementSettings]) -> None:
-    """Raise ValueError if a LiDAR cannot be asked, as `RequirementSettings.not_of` says."""
-    for own in requirements:
+    """Raise ValueError if a LiDAR cannot be checked, as `RequirementSettings.not_of` reports."""
+    for requirement in requirements:
         for number, lidar in enumerate(rig.lidars, start=1):
-            if (found := own.not_of(lidar)) is not None:
-                key, told = found
-                problem = f"LiDAR {number} of {rig.name!r}: {told}"
-                raise InputError(problem, key=f"{own.name!r}: {key}")
+            if (unsupported := requirement.not_of(lidar)) is not None:
+                key, reason = unsupported
+                problem = f"LiDAR {number} of {rig.name!r}: {reason}"
+                raise InputError(problem, key=f"{requirement.name!r}: {key}")
 
 
-def check_dead(own: RequirementSettings, kinds: Sequence[str]) -> None:
+def check_dead_sensors(requirement: RequirementSettings, kinds: Sequence[str]) -> None:
     """Raise ValueError if sensors of a rig, of these kinds, can be dead in too many ways."""
-    needs = () if own.at_least is None else own.at_least.needs
+    needs = () if requirement.at_least is None else requirement.at_least.needs
     count = {KIND_OF.get(measure, "lidar") for measure, _ in needs}
-    with at(key=f"{own.name!r}: also_when.sensors_dead"):
-        dead_sets(own.also_when.sensors_dead or 0, sum(kind in count for kind in kinds))
+    with at(key=f"{requirement.name!r}: also_when.sensors_dead"):
+        dead_sets(requirement.also_when.sensors_dead or 0, sum(kind in count for kind in kinds))

@@ -1,4 +1,4 @@
-"""Rigs of a search as those of a sweep, which trains detectors for them."""
+"""Sweeps that a search starts: trials of a generalist, and the verification of the winners."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel
 
+from lidarplace import Lidar
 from lidarplace.base.errors import at
 from lidarplace.configuration.mounting import carrier_of
 from lidarplace.configuration.placement import MountSettings, SweptPlacementSettings
@@ -18,89 +19,96 @@ from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.vehicle import VehicleSettings
 from sweeps.configuration.file import ConfigError, check, put
 from sweeps.configuration.grid import GridPoint, Sweep
+from sweeps.configuration.point import Point
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.search import SearchFile
-from sweeps.configuration.sweep import Point
-from sweeps.search.problem.choice import Choice, Choices
+from sweeps.search.problem.rig import MountedLidar, Rig, placement_of
 
 _OWN = ("search", "robustness", "verify", "placement")
 
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """The file `path` of a search after `--set`, as plain data and checked; and its sweeps."""
+    """The file of a search, `path`, after `--set`: as plain data, validated, and its sweeps.
+
+    `models`: LiDARs in the weather, by name."""
 
     path: Path
     source: Mapping[str, Any]
     file: SearchFile
+    models: Mapping[str, Lidar]
 
-    def placement_settings(self, rig: Choices) -> SweptPlacementSettings:
-        """A rig as one of `placements`; mounts have their model, if it is not that of all."""
+    def placement_settings(self, rig: Rig) -> SweptPlacementSettings:
+        """Return a rig as one of `placements`; mounts have a model unless it is that of `lidar`."""
         search = self.file.search
-        own: dict[str, Any] = {"mounts": [self._mounted(lidar) for lidar in rig if not lidar.dead]}
-        dead = [self._mounted(lidar) for lidar in rig if lidar.dead]
-        rest = {"dead": dead, "cameras": search.cameras, "radars": search.radars}
-        own |= {key: value for key, value in rest.items() if value}
-        return SweptPlacementSettings.model_validate(own)
+        settings = {
+            "mounts": [self._mounted(lidar) for lidar in rig if not lidar.dead],
+            "dead": [self._mounted(lidar) for lidar in rig if lidar.dead],
+            "cameras": search.cameras,
+            "radars": search.radars,
+        }
+        return SweptPlacementSettings.model_validate({k: v for k, v in settings.items() if v})
 
-    def placement_text(self, rig: Choices) -> str:
-        """A rig as a file for `lidarplace view` and others, metres and radians."""
+    def placement_text(self, rig: Rig) -> str:
+        """Write a rig as a file for `lidarplace view` and others, metres and radians."""
         settings = as_plain(self.placement_settings(rig))
         # Read by itself, the file has to say what the key `lidar` says here.
-        own = self.file.lidar.model_dump(
+        lidar = self.file.lidar.model_dump(
             mode="json", exclude_unset=True, include=set(SensorSettings.model_fields)
         )
         for mount in settings["mounts"]:
-            mount.setdefault("lidar", deepcopy(own))  # one object would become a YAML anchor
+            mount.setdefault("lidar", deepcopy(lidar))  # one object would become a YAML anchor
         return yaml.safe_dump(settings, sort_keys=False)
 
-    def _mounted(self, lidar: Choice) -> MountSettings:
+    def _mounted(self, lidar: MountedLidar) -> MountSettings:
         pose = {key: value for key, value in asdict(lidar.mount).items() if key in "xyz" or value}
         model = self.file.search.models.get(lidar.model)
         return MountSettings(**pose, **({} if model is None else {"lidar": model}))
 
     @cached_property
     def vehicle(self) -> VehicleSettings | None:
-        """The vehicle as that of a sweep, with what is kept out. None if the search says neither:
-        clouds then have the sedan of sweeps."""
+        """The vehicle as that of a sweep, with what is kept out.
+
+        None if the search has neither: clouds then have the sedan of sweeps."""
         return carrier_of(self.file.search.vehicle, self.file.search.keep_out)
 
     def point(self, changes: Mapping[str, Any], names: Mapping[str, str]) -> Point:
-        """A point of a sweep with `changes`, key path -> value, which the user wrote as `names`;
-        sections that are changed are read again. Raises ConfigError: a value is not allowed."""
+        """Return a point of a sweep with `changes`, key path -> value.
+
+        `names`: what the user wrote the changed keys as, for errors. Raises ConfigError: a value is
+        not allowed."""
         data = {key: getattr(self.file, key) for key in Point.model_fields}
         data["vehicle"] = self.vehicle
-        for key in {changed.partition(".")[0] for changed in changes}:
-            if key in self.source:
-                data[key] = self.source[key]
-            elif isinstance(section := data[key], BaseModel):
-                data[key] = section.model_dump(mode="json", exclude_defaults=True)
         with at(self.path, ConfigError):
             return check(Point, data, self.path, names, changes)
 
     def sweep_of(
-        self, rigs: Mapping[str, Choices], trials: Sequence[str], changes: Mapping[str, Any]
+        self, rigs: Mapping[str, Rig], trials: Sequence[str], changes: Mapping[str, Any]
     ) -> Sweep:
-        """The trainings that `trials` need, with the seeds of the search and `changes`, key path ->
-        value. `rigs`: by name of the placement; a generalist can name those without a trial. Raises
-        ConfigError: a value is not allowed."""
-        own = {name: self.placement_settings(rig) for name, rig in rigs.items()}
-        known = Rigs({**self.file.placements, **own}, self.file)
+        """Return the sweep of the trainings that `trials` need, with the seeds of the search.
+
+        `rigs`: by name of the placement; a generalist can name those without a trial. `changes`:
+        key path -> value. Raises ConfigError: a value is not allowed."""
+        placements = {name: placement_of(rig, self.models, name) for name, rig in rigs.items()}
+        all_rigs = Rigs(self.file.placements, self.file, placements)
         names = {key: f"search.traffic: {key}" for key in changes}
         points = []
         for name, seed in itertools.product(trials, self.file.search.seeds):
             axes = {"placement": name, "seed": seed}
             point = self.point({**axes, **changes}, names)
-            points.append(GridPoint(point, known.of(point), axes))
-        return Sweep(self.file, tuple(points), ("placement", "seed"), self.source, known, self.path)
+            points.append(GridPoint(point, all_rigs.of(point), axes))
+        return Sweep(
+            self.file, tuple(points), ("placement", "seed"), self.source, all_rigs, self.path
+        )
 
-    def verify_settings(self, rigs: Mapping[str, Choices], others: Sequence[str]) -> dict[str, Any]:
-        """The configuration, as a file has it, of a sweep that trains detectors for rigs. `others`:
-        names of placements that a sweep knows, which are trained, too."""
+    def verify_settings(self, rigs: Mapping[str, Rig], others: Sequence[str]) -> dict[str, Any]:
+        """Return the configuration, as a file has it, of a sweep that trains detectors for rigs.
+
+        `others`: names of placements that a sweep knows, which are trained, too."""
         source, file = self.source, self.file
         config = {key: deepcopy(value) for key, value in source.items() if key not in _OWN}
-        own = {name: as_plain(self.placement_settings(rig)) for name, rig in rigs.items()}
-        config["placements"] = config.get("placements", {}) | own
+        placements = {name: as_plain(self.placement_settings(rig)) for name, rig in rigs.items()}
+        config["placements"] = config.get("placements", {}) | placements
         if self.vehicle is not None:
             config["vehicle"] = as_plain(self.vehicle)
         # A sweep has other defaults.
@@ -118,5 +126,5 @@ class SearchConfig:
 
 
 def as_plain(settings: BaseModel) -> dict[str, Any]:
-    """Settings as a file has them, without what they leave to the default."""
+    """Return settings as a file has them, without values left to the default."""
     return settings.model_dump(mode="json", exclude_unset=True)

@@ -1,4 +1,4 @@
-"""What a page does besides drawing: files, better poses, and commands that run meanwhile."""
+"""Jobs of a page besides drawing: files, better poses, and commands that run meanwhile."""
 
 from __future__ import annotations
 
@@ -22,20 +22,21 @@ from lidarplace.studio.studio import Studio
 from lidarplace.studio.sweep_files import RUNS, found_by_sweep
 
 LINES = 6
-"""The last ones that a command has printed are kept."""
+"""Number of lines that a command has printed last and that are kept."""
 NICENESS = 10
-"""It leaves the processor to the page and to who works at this machine."""
+"""Niceness of a command, which leaves the processor to the page and to other work."""
 
 _Say = Callable[[str, bool], None]
 
 
 class Command:
-    """`python -m` with these arguments, which starts at once.
-    `told` is called with it after each line, and at the end, by a thread of its own."""
+    """A process `python -m` with these arguments, which starts at once.
 
-    def __init__(self, arguments: Sequence[str], told: Callable[[Command], None]) -> None:
+    `on_output` is called with it after each line, and at the end, by a thread of its own."""
+
+    def __init__(self, arguments: Sequence[str], on_output: Callable[[Command], None]) -> None:
         self.cancelled = False
-        self._told = told
+        self._on_output = on_output
         self._lines: deque[str] = deque(maxlen=LINES)
         self._process = subprocess.Popen(
             [sys.executable, "-m", *arguments],
@@ -44,7 +45,7 @@ class Command:
             stderr=subprocess.STDOUT,
             encoding="utf-8",
             errors="replace",
-            start_new_session=True,  # Ctrl-C at the studio is told to it once, by `cancel`
+            start_new_session=True,  # Ctrl-C at the studio is on_output to it once, by `cancel`
         )
         os.setpriority(os.PRIO_PROCESS, self._process.pid, NICENESS)
         self._reader = threading.Thread(target=self._read, daemon=True, name="command")
@@ -52,21 +53,21 @@ class Command:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What it has printed last."""
+        """Lines that it has printed last."""
         return tuple(self._lines)
 
     @property
     def exit_code(self) -> int | None:
-        """None while it runs."""
+        """Exit code; None while it runs."""
         return self._process.poll()
 
     def cancel(self) -> None:
-        """Ask it to end, from which it can go on later; `wait` tells when it has."""
+        """Ask it to end, from which it can go on later; `wait` returns when it has."""
         self.cancelled = True
         self._process.send_signal(signal.SIGTERM)
 
     def wait(self) -> int:
-        """Its exit code, once it has ended and all its lines were read."""
+        """Wait for its end, and until all its lines were read; return its exit code."""
         code = self._process.wait()
         self._reader.join()
         return code
@@ -76,9 +77,9 @@ class Command:
         for line in self._process.stdout:
             if line.strip():
                 self._lines.append(line.rstrip())
-                self._told(self)
+                self._on_output(self)
         self._process.wait()
-        self._told(self)
+        self._on_output(self)
 
 
 class Files:
@@ -89,34 +90,34 @@ class Files:
         self._overwrite: Callable[[], str] | None = None
 
     def save(self) -> str:
-        """Save the rigs, or ask; the message."""
-        path = self.beside(self._panel.path.value)
-        return self._asking(lambda over: f"saved: {self._studio.save(path, over)}")
+        """Save the rigs, or ask; return the message."""
+        path = self.path_of(self._panel.path.value)
+        return self._confirming(lambda over: f"saved: {self._studio.save(path, over)}")
 
     def sweep(self) -> str:
-        """Write a sweep of the rigs, or ask; its command."""
-        path = self.beside(self._panel.sweep_path.value)
-        return self._asking(lambda over: self._studio.sweep(path, self.scene, over))
+        """Write a sweep of the rigs, or ask; return its command."""
+        path = self.path_of(self._panel.sweep_path.value)
+        return self._confirming(lambda over: self._studio.sweep(path, self.scene, over))
 
     @property
     def evaluated(self) -> tuple[Path, Path]:
-        """The evaluation of the rigs: its configuration and its run folder."""
+        """Configuration and run folder of the evaluation of the rigs."""
         name = f"evaluation-of-{self._studio.file.path.stem}"
-        return self.beside(f"{name}.yaml"), RUNS / name
+        return self.path_of(f"{name}.yaml"), RUNS / name
 
     def confirm(self) -> str:
-        """Overwrite what was asked for last; the message."""
+        """Overwrite what was asked for last; return the message."""
         overwrite, self._overwrite = self._overwrite, None
         return "" if overwrite is None else overwrite()
 
-    def beside(self, name: str) -> Path:
-        """A file in the folder of the rigs. Raises ValueError for one that is not."""
+    def path_of(self, name: str) -> Path:
+        """Return a file in the folder of the rigs. Raises ValueError for one elsewhere."""
         if not re.fullmatch(r"(?!\.)[^/\x00-\x1f]+\.ya?ml", name):
             expected = "NAME.yaml without a folder, NUL or line break"
             raise InputError(key="file name", expected=expected, found=repr(name))
         return self._studio.file.path.parent / name
 
-    def _asking(self, write: Callable[[bool], str]) -> str:
+    def _confirming(self, write: Callable[[bool], str]) -> str:
         try:
             return write(False)
         except FileExistsError:
@@ -125,8 +126,10 @@ class Files:
             raise
 
 
-class Asking:
-    """Answers on the panel. One command runs at a time. `say` shows a line, and if it is good."""
+class Jobs:
+    """Jobs of the panel, of which one command runs at a time.
+
+    `say` shows a line, and whether it is good."""
 
     def __init__(
         self, studio: Studio, panel: Panel, editing: Editing, files: Files, say: _Say
@@ -139,15 +142,14 @@ class Asking:
         """Move the chosen LiDAR to where the rig finds most."""
         number = self._editing.one()
         self._say(f"looking for a better pose of LiDAR {number} …", True)
-        found = self._studio.improve(number)
-        self._say(_told(found), True)
+        self._say(_describe(self._studio.improve(number)), True)
 
     def add_best(self) -> None:
         """Mount one more LiDAR where the rig then finds most."""
         self._say("looking for the best pose of one more LiDAR …", True)
-        found = self._studio.add_best(self._editing.model_to_add())
+        best = self._studio.add_best(self._editing.model_to_add())
         self._editing.choose_last()
-        self._say(_told(found), True)
+        self._say(_describe(best), True)
 
     def evaluate(self) -> None:
         """Let a generalist judge all rigs while the page goes on."""
@@ -199,7 +201,7 @@ class Asking:
         self._panel.progress.content = progress(command.lines)
 
     def _ended(self) -> bool:
-        """Wait for the command; whether it has done its work. Raises ValueError if it failed."""
+        """Wait for the command; return whether it succeeded. Raises ValueError if it failed."""
         assert self._command is not None
         code = self._command.wait()
         if code and self._command.cancelled:
@@ -210,8 +212,8 @@ class Asking:
         return code == 0
 
 
-def _told(found: BestPose) -> str:
-    if found.after != found.before:
-        return f"expected recall {found.before:.4f} → {found.after:.4f}"
-    kept = f" that keeps {', '.join(found.broken)}" if found.broken else ""
-    return f"no better pose was found{kept}"
+def _describe(pose: BestPose) -> str:
+    if pose.after != pose.before:
+        return f"expected recall {pose.before:.4f} → {pose.after:.4f}"
+    condition = f" that keeps {', '.join(pose.broken)}" if pose.broken else ""
+    return f"no better pose was found{condition}"

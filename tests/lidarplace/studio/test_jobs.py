@@ -1,4 +1,4 @@
-"""What takes a page long: commands of a stand-in for `sweeps`, which runs as a process."""
+"""Jobs of a page: commands of a stand-in for `sweeps`, which runs as a process."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from lidarplace.studio.best_pose import BestPose
 
 pytest.importorskip("viser")
 
-from lidarplace.studio.page.asking import LINES, NICENESS, Command
+from lidarplace.studio.page.jobs import LINES, NICENESS, Command
 from lidarplace.studio.page.panel import assign
 from tests.lidarplace.studio.browsers import until
 
@@ -45,14 +45,14 @@ sys.exit(3)
 
 def test_a_command_tells_what_it_prints_and_how_it_has_ended(tmp_path):
     (tmp_path / "talk.py").write_text(TALK)
-    told = []
-    command = Command(["talk"], lambda own: told.append(own.exit_code))
+    codes = []
+    command = Command(["talk"], lambda own: codes.append(own.exit_code))
     assert command.wait() == 3
     assert len(command.lines) == LINES
     assert command.lines[0] == f"line {20 - LINES + 1}"
     assert command.lines[-1] == f"niceness {NICENESS}"
-    assert len(told) == 22  # after each line, and at the end
-    assert told[-1] == 3
+    assert len(codes) == 22  # after each line, and at the end
+    assert codes[-1] == 3
     command.cancel()  # does no harm
 
 
@@ -68,14 +68,14 @@ def in_a_folder_in_which_run_is_a_stand_in(tmp_path, monkeypatch):
 
 def test_an_evaluation_is_shown_with_its_intervals_and_two_rigs_compared(page, tmp_path):
     with pytest.raises(ValueError, match="evaluate the rigs first"):
-        page.asking.compare()
-    page.asking.evaluate()
+        page.jobs.compare()
+    page.jobs.evaluate()
     assert "<b>61.2</b> (55.0 to 67.0)" in page.panel.found.content
     assert "scene: 1 done" in page.panel.progress.content
     assert "runs/evaluation-of-rigs/decision.html" in page.panel.message.content
     assert not page.panel.cancel.visible
     assign(page.panel.compared[1], "left handed")
-    page.asking.compare()
+    page.jobs.compare()
     expected = (
         "runs/evaluation-of-rigs --rigs roof,left handed --out runs/evaluation-of-rigs/compared"
     )
@@ -83,7 +83,7 @@ def test_an_evaluation_is_shown_with_its_intervals_and_two_rigs_compared(page, t
     assert "found by roof alone" in page.panel.progress.content
     assign(page.panel.compared[1], "roof")
     with pytest.raises(ValueError, match="two different rigs"):
-        page.asking.compare()
+        page.jobs.compare()
 
 
 def test_the_page_goes_on_while_something_runs_which_can_be_cancelled(page, browser, tmp_path):
@@ -92,7 +92,7 @@ def test_the_page_goes_on_while_something_runs_which_can_be_cancelled(page, brow
     until(lambda: "scene: 1 done" in page.panel.progress.content)
     assert page.panel.cancel.visible
     with pytest.raises(ValueError, match="runs already"):
-        page.asking.evaluate()
+        page.jobs.evaluate()
     browser.type("pitch, °", 3.0)
     until(lambda: page.studio.rig.pose(0)["pitch"] == 3.0)
     browser.type("cancel", True)
@@ -106,24 +106,24 @@ def test_the_page_goes_on_while_something_runs_which_can_be_cancelled(page, brow
     (tmp_path / "waits").touch()
     browser.type("evaluate all rigs", True)
     until(lambda: page.panel.cancel.visible and "1 done" in page.panel.progress.content)
-    page.asking.close()  # as when the page is closed
+    page.jobs.close()  # as when the page is closed
     until(lambda: "cancelled" in page.panel.message.content)
 
 
 def test_one_more_lidar_is_mounted_where_it_finds_most(page, monkeypatch):
     assign(page.panel.to_add, "vlp16")
-    page.asking.add_best()
+    page.jobs.add_best()
     assert [lidar.model for lidar in page.studio.rig.lidars] == [None, None, "vlp16"]
     assert page.editing.chosen == 2
     assert "→" in page.panel.message.content
-    page.asking.improve()
+    page.jobs.improve()
     assert page.editing.chosen == 2
     old = page.studio.rig.mounts[0]
-    for broken, told in (
+    for broken, text in (
         ((), "no better pose was found<"),
         (("a child ahead", "zone"), "no better pose was found that keeps a child ahead, zone<"),
     ):
-        found = BestPose(old, 0.5, 0.5, broken)
-        monkeypatch.setattr(page.studio, "improve", lambda number, found=found: found)
-        page.asking.improve()
-        assert told in page.panel.message.content
+        pose = BestPose(old, 0.5, 0.5, broken)
+        monkeypatch.setattr(page.studio, "improve", lambda number, pose=pose: pose)
+        page.jobs.improve()
+        assert text in page.panel.message.content

@@ -18,17 +18,18 @@ if TYPE_CHECKING:
     import viser
 
 VIOLET = "#9c36b5"
-"""All its LiDARs and points."""
+"""Colour of all its LiDARs and points."""
 GAP_M = 5.0
-"""Between the regions of two rigs that stand apart."""
-NODE, APART = "/beside", "/beside/apart"
+"""Gap between the regions of two rigs that are apart, metres."""
+NODE, APART = "/other_rig", "/other_rig/apart"
 FROM_ABOVE = math.radians(40)
-"""Down to two rigs apart."""
+"""Angle down to two rigs that are apart, radians."""
 
 
-class Beside:
+class OtherRig:
     """Draws the rig that the panel names, in one colour; nothing if it names none.
-    Apart from the other one it has ground, vehicle and objects of its own."""
+
+    Apart from the selected rig it has ground, vehicle and objects of its own."""
 
     def __init__(
         self, studio: Studio, server: viser.ViserServer, panel: Panel, scene: Scene
@@ -45,10 +46,10 @@ class Beside:
     def draw(self, view: FrameView, resting: bool) -> None:
         """Draw what has changed; coarsely unless it rests."""
         studio, panel = self._studio, self._panel
-        rig = next((own for own in studio.rigs if own.name == panel.beside.value), None)
-        shown = rig is not None and rig.name != studio.rig.name
-        self._node.visible = shown
-        if rig is None or not shown:
+        rig = next((rig for rig in studio.rigs if rig.name == panel.other_rig.value), None)
+        visible = rig is not None and rig.name != studio.rig.name
+        self._node.visible = visible
+        if rig is None or not visible:
             return
         apart = panel.apart.value
         self._apart.visible = apart
@@ -65,7 +66,7 @@ class Beside:
     def _draw_cloud(
         self, rig: Rig, placement: Placement | None, view: FrameView, resting: bool
     ) -> None:
-        """While the other rig moves, this one's points stay as they are."""
+        """Draw points, unless the selected rig moves and these are drawn already."""
         if not self._panel.cloud.value:
             self._nodes.cloud(None, [])
             self._cloud = None
@@ -75,9 +76,9 @@ class Beside:
             self._nodes.cloud(view.cloud(placement, most), rig.working)
 
     def turn_camera(self, client: viser.ClientHandle) -> None:
-        """Let a browser see both rigs where they stand apart, and else the selected one."""
+        """Let a browser see both rigs where they are apart, and else the selected one."""
         camera, roi = client.camera, self._studio.roi
-        if not self._panel.apart.value or self._panel.beside.value == NO_RIG:
+        if not self._panel.apart.value or self._panel.other_rig.value == NO_RIG:
             camera.position, camera.look_at = EYE, LOOKS_AT
             return
         half = 0.5 * (roi.y[1] - roi.y[0] + _aside(roi))
@@ -89,5 +90,5 @@ class Beside:
 
 
 def _aside(roi: Roi) -> float:
-    """How far the other rig is moved to the left where the two stand apart, metres."""
+    """Return how far the other rig is moved to the left where the two are apart, metres."""
     return roi.y[1] - roi.y[0] + GAP_M

@@ -1,4 +1,4 @@
-"""The rigs that this project reads everywhere: YAML files with `mounts`."""
+"""Rigs that this project reads everywhere: YAML files with `mounts`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,42 +16,43 @@ from lidarplace.configuration.placement import read_placement_settings
 from lidarplace.configuration.pose import PoseSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar, lidars_in
+from lidarplace.rig_files.mounted import RigSensor, lidars_in
 
 DIGITS = 9
-"""Decimals of metres and degrees: of what rounding leaves of 45 degrees there is no trace."""
+"""Decimals of metres and degrees, which leave no trace of rounding."""
 
 
-def read_own(path: Path) -> list[MountedLidar]:
-    """The sensors of a file of `mounts`, LiDARs first; those without a name are numbered. Raises
-    ValueError as `read_placement_settings`."""
+def read_mounts_yaml(path: Path) -> list[RigSensor]:
+    """Read the sensors of a file of `mounts`, LiDARs first; those without a name are numbered.
+
+    Raises ValueError as `read_placement_settings`."""
     settings = read_placement_settings(path)
     lidars = zip(settings.mounts, settings.in_ego(settings.mounts), strict=True)
     several: tuple[CameraSettings | RadarSettings, ...] = (*settings.cameras, *settings.radars)
     others = zip(several, settings.in_ego(several), strict=True)
     return [
         *(
-            MountedLidar(each.name or f"lidar_{number}", mount, each.lidar)
+            RigSensor(each.name or f"lidar_{number}", mount, each.lidar)
             for number, (each, mount) in enumerate(lidars)
         ),
         *(
-            MountedLidar(each.name or f"{each.KIND}_{number}", mount, further=each)
+            RigSensor(each.name or f"{each.KIND}_{number}", mount, further=each)
             for number, (each, mount) in enumerate(others, 1)
         ),
     ]
 
 
-def write_own(path: Path, lidars: Sequence[MountedLidar]) -> None:
+def write_mounts_yaml(path: Path, lidars: Sequence[RigSensor]) -> None:
     """Write LiDARs, cameras and radars in the ego frame; angles in degrees."""
     content = {"mounts": [_mount(lidar) for lidar in lidars_in(lidars)]}
     for kind in ("camera", "radar"):
-        if own := [_mount(sensor) for sensor in lidars if sensor.kind == kind]:
-            content[f"{kind}s"] = own
+        if mounts := [_mount(sensor) for sensor in lidars if sensor.kind == kind]:
+            content[f"{kind}s"] = mounts
     options: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 1000}
     write_text(path, yaml.safe_dump(content, allow_unicode=True, **options))
 
 
-def _mount(lidar: MountedLidar) -> dict[str, Any]:
+def _mount(lidar: RigSensor) -> dict[str, Any]:
     mount = lidar.mount
     place = {axis: round(getattr(mount, axis), DIGITS) + 0.0 for axis in "xyz"}
     turned = {
@@ -62,17 +63,17 @@ def _mount(lidar: MountedLidar) -> dict[str, Any]:
     model = {} if lidar.model is None else {"lidar": as_written(lidar.model)}
     if lidar.further is not None:
         written = lidar.further.model_dump(mode="json", include=lidar.further.model_fields_set)
-        model = {key: own for key, own in written.items() if key not in PoseSettings.model_fields}
+        model = {k: v for k, v in written.items() if k not in PoseSettings.model_fields}
         if lidar.further.model is not None:
-            known = further_catalogue()[lidar.further.model]
-            model = {key: own for key, own in model.items() if own != known.get(key)}
+            listed = further_catalogue()[lidar.further.model]
+            model = {k: v for k, v in model.items() if v != listed.get(k)}
     return {"name": lidar.name, **place, **turned, **model}
 
 
 def as_written(model: SensorSettings) -> Any:
-    """As one would write it: the name alone where nothing was changed of the catalogue's."""
+    """Return settings as one writes them: the name alone of an unchanged LiDAR of the catalogue."""
     if model.name is None:
         return model.model_dump(mode="json", exclude_defaults=True)
-    known = SensorSettings(name=model.name).model_dump(mode="json")
-    changed = {k: v for k, v in model.model_dump(mode="json").items() if v != known[k]}
+    listed = SensorSettings(name=model.name).model_dump(mode="json")
+    changed = {k: v for k, v in model.model_dump(mode="json").items() if v != listed[k]}
     return {"name": model.name, **changed} if changed else model.name
