@@ -82,8 +82,8 @@ def detect(config):
 def keep(store, detections):
     for trial, boxes in detections:
         score = np.random.default_rng(2).random(len(boxes))
-        own = boxes[["frame", "class", *GEOMETRY]].assign(score=score)
-        store.save(trial.evaluate, result(detections=own), 0.0)
+        scored = boxes[["frame", "class", *GEOMETRY]].assign(score=score)
+        store.save(trial.evaluate, result(detections=scored), 0.0)
 
 
 def run(*words, code=0):

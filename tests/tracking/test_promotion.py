@@ -1,4 +1,4 @@
-"""What promotion saved and risked, by hand for a made-up run."""
+"""Savings and risks of promotion, by hand for a made-up run."""
 
 import json
 from collections.abc import Sequence
@@ -105,8 +105,8 @@ def test_a_group_has_its_rungs_and_its_full_trainings(run, group):
     assert (group.placements, group.seeds) == (40, 2)
     assert set(group.trials["trial"]) == set(_full(run)["trial"])
     of_car = "`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7"
-    own = run.results.query(f"detector == 'tiny' and {of_car}")
-    means = own[own[EPOCHS] == FULL].groupby("placement")["value"].mean()
+    rows = run.results.query(f"detector == 'tiny' and {of_car}")
+    means = rows[rows[EPOCHS] == FULL].groupby("placement")["value"].mean()
     assert group.ap.to_dict() == pytest.approx(means.to_dict())
     assert len(means) == 3
 
@@ -114,9 +114,9 @@ def test_a_group_has_its_rungs_and_its_full_trainings(run, group):
 def test_the_ap_of_all_classes_is_the_mean_of_those_with_ground_truth(run):
     of_all = run.promotions.assign(**{"class": "all"})
     group = next(promotion.promoted(replace(run, promotions=of_all)))
-    own = run.results.query("detector == 'tiny' and metric == 'AP_R40_3D'")
-    own = own[own[EPOCHS] == FULL].set_index(["class", "iou"])["value"]
-    both = own["Car", 0.7].mean(), own["Pedestrian", 0.5].mean()
+    ap = run.results.query("detector == 'tiny' and metric == 'AP_R40_3D'")
+    ap = ap[ap[EPOCHS] == FULL].set_index(["class", "iou"])["value"]
+    both = ap["Car", 0.7].mean(), ap["Pedestrian", 0.5].mean()
     assert group.ap.mean() == pytest.approx(sum(both) / 2)
 
 
@@ -124,8 +124,8 @@ def test_ranks_end_where_a_placement_was_pruned(group):
     ranks = promotion.stage_ranks(group)
     assert ranks.notna().sum().tolist() == [40, 8, 3]
     for column in ranks:
-        known = ranks[column].dropna()
-        assert sorted(known) == list(range(1, len(known) + 1))
+        finite_ranks = ranks[column].dropna()
+        assert sorted(finite_ranks) == list(range(1, len(finite_ranks) + 1))
     assert (ranks[0] <= 8).equals(ranks[1].notna())
     assert (ranks[1] <= 3).equals(ranks[promotion.FULL_TRAINING].notna())
 
@@ -137,13 +137,13 @@ def test_costs_and_savings_add_up(run, group):
     full = _full(run)["seconds"]
     assert costs.loc[promotion.FULL_TRAINING, "seconds"] == pytest.approx(full.sum())
     assert costs.loc[promotion.FULL_TRAINING, "seconds_each"] == pytest.approx(2 * full.mean())
-    own = run.trials[(run.trials["detector"] == "tiny") & (run.trials["status"] == "finished")]
-    found = promotion.savings(group)
-    assert found["surrogates"] == pytest.approx(40 * 0.05)
-    assert found["short"] == pytest.approx(own.loc[own[EPOCHS] == SHORT, "seconds"].sum())
-    assert found["spent"] == pytest.approx(own["seconds"].sum() + 2)
-    assert found["without"] == pytest.approx(full.mean() * 40 * 2 + 2)
-    assert found["saved"] == pytest.approx(found["without"] - found["spent"])
+    rows = run.trials[(run.trials["detector"] == "tiny") & (run.trials["status"] == "finished")]
+    savings = promotion.savings(group)
+    assert savings["surrogates"] == pytest.approx(40 * 0.05)
+    assert savings["short"] == pytest.approx(rows.loc[rows[EPOCHS] == SHORT, "seconds"].sum())
+    assert savings["spent"] == pytest.approx(rows["seconds"].sum() + 2)
+    assert savings["without"] == pytest.approx(full.mean() * 40 * 2 + 2)
+    assert savings["saved"] == pytest.approx(savings["without"] - savings["spent"])
 
 
 def test_agreement_with_the_full_training_by_hand(group):
@@ -196,7 +196,7 @@ def test_short_trainings_are_told_by_what_their_rung_sets():
     )
     axes = [EPOCHS, "training.flip_y"]
     changes = ({}, {"training.flip_y": False})
-    rungs = [Rung(by="s_mig", keep=2, set=own) for own in changes]
+    rungs = [Rung(by="s_mig", keep=2, set=change) for change in changes]
     assert promotion.is_full(trials, axes, rungs).tolist() == [False, True, True, False]
     assert promotion.is_full(trials, axes[:1]).tolist() == [False, True, True, True]
 
