@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-import mlflow_runs_of as made
+from tests.tracking import mlflow_runs_of as made
 import pytest
 
 from tracking.mlflow.uri import sqlite_file

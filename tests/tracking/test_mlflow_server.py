@@ -1,6 +1,6 @@
 """A tracking server that is away at the start, killed in the middle, and started again."""
 
-import mlflow_runs_of as made
+from tests.tracking import mlflow_runs_of as made
 import pytest
 
 MORE = range(3, 12)
