@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
-from lidarplace.clouds.clouds import Frames
+from lidarplace.clouds.clouds import CloudFrames
 from lidarplace.logs.boxes import GEOMETRY
 from training.detectors.build import build
 from training.detectors.contract import as_arrays, check_boxes_of, guarded, is_built_in
@@ -37,7 +37,7 @@ def detect(
     detector: str,
     classes: Sequence[str],
     state_dict: Mapping[str, Tensor],
-    clouds: Frames,
+    clouds: CloudFrames,
     settings: TrainingSettings,
     point_range: PointRange | None = None,
     typical: Sequence[TypicalObject] = (),

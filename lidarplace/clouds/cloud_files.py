@@ -34,7 +34,7 @@ _NUMPY = {("F", 4): "<f4", ("F", 8): "<f8"} | {
 
 
 def read_cloud(path: Path) -> pd.DataFrame:
-    """The points of a file, in its order and in its own frame.
+    """Return the points of a file, in its order and in its own frame.
 
     `.bin` is KITTI's (x, y, z, intensity; float32), `.pcd.bin` nuScenes' (and ring), `.pcd` that of
     the Point Cloud Library (ascii or binary); `.feather`, `.parquet` and structured `.npy` have
@@ -49,21 +49,23 @@ def read_cloud(path: Path) -> pd.DataFrame:
 
 
 def _in_order(table: pd.DataFrame, source: str) -> pd.DataFrame:
-    """The columns that are known, with their units."""
-    own: dict[str, str] = {}
+    """Return the columns that are known, with their units."""
+    column_of: dict[str, str] = {}
     table.columns = table.columns.map(str)
     # A column of the very name comes before others that may mean the same.
     for column in sorted(table.columns, key=lambda name: name.lower() not in COLUMNS):
         if (name := NAMES.get(column.lower())) is not None:
-            own.setdefault(name, column)
-    check_columns(list(table.columns), [own.get(name, name) for name in COLUMNS[:3]], source)
-    check_columns(list(table.columns), list(own.values()), source)
+            column_of.setdefault(name, column)
+    check_columns(list(table.columns), [column_of.get(name, name) for name in COLUMNS[:3]], source)
+    check_columns(list(table.columns), list(column_of.values()), source)
     if "laser_number" in table.columns:
         no_text(table, ["laser_number"], source)
         laser = integers(table, "laser_number", source)
         table = table.assign(ring=laser % ARGOVERSE_BEAMS, lidar=laser // ARGOVERSE_BEAMS)
-        own |= {"ring": "ring", "lidar": "lidar"}
-    cloud = pd.DataFrame({name: table[own[name]].to_numpy() for name in COLUMNS if name in own})
+        column_of |= {"ring": "ring", "lidar": "lidar"}
+    cloud = pd.DataFrame(
+        {name: table[column_of[name]].to_numpy() for name in COLUMNS if name in column_of}
+    )
     if "lidar" in cloud:
         cloud["lidar"] = groups(cloud, "lidar", source)
     of_numbers = list(cloud.columns.difference(["lidar"]))
@@ -126,7 +128,7 @@ def _pcd(path: Path) -> pd.DataFrame:
 
 
 def _pcd_header(file: BinaryIO) -> dict[str, list[str]]:
-    """The lines of the header by their first word, up to DATA."""
+    """Return the lines of the header by their first word, up to DATA."""
     header: dict[str, list[str]] = {}
     while "DATA" not in header:
         line = file.readline(10_000)
@@ -139,13 +141,13 @@ def _pcd_header(file: BinaryIO) -> dict[str, list[str]]:
 
 
 def _pcd_points(file: BinaryIO, header: Mapping[str, list[str]]) -> pd.DataFrame:
-    """The points behind a header; of fields with several values the first is taken."""
+    """Return the points after a header; of fields with several values the first is taken."""
     names, kinds = header["FIELDS"], header["TYPE"]
     sizes = list(map(int, header["SIZE"]))
     counts = list(map(int, header.get("COUNT", ["1"] * len(names))))
     points = int(header["POINTS"][0])
     # Padding is called _, several times.
-    own = [
+    kinds_of_fields = [
         (f"{name}{n}" if name == "_" else name, _NUMPY[kind, size], (count,))
         for n, (name, kind, size, count) in enumerate(zip(names, kinds, sizes, counts, strict=True))
     ]
@@ -154,10 +156,10 @@ def _pcd_points(file: BinaryIO, header: Mapping[str, list[str]]) -> pd.DataFrame
         first = np.cumsum([0, *counts[:-1]])
         rows = np.loadtxt(file, np.float64, ndmin=2, usecols=first.tolist())
         rows = rows.reshape(-1, len(names))
-        table = pd.DataFrame(rows, columns=[name for name, _, _ in own])
+        table = pd.DataFrame(rows, columns=[name for name, _, _ in kinds_of_fields])
     elif coding == "binary":
-        records = np.frombuffer(file.read(), np.dtype(own), points)
-        table = pd.DataFrame({name: records[name][:, 0] for name, _, _ in own})
+        records = np.frombuffer(file.read(), np.dtype(kinds_of_fields), points)
+        table = pd.DataFrame({name: records[name][:, 0] for name, _, _ in kinds_of_fields})
     else:
         allowed = "ascii or binary, which PCL converts to"
         raise InputError(key="DATA", expected=allowed, found=coding)

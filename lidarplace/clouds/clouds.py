@@ -84,12 +84,12 @@ class PointClouds:
             if count.sum() != len(points):
                 raise ValueError(f"{len(points)} points, but {count.sum()} of the LiDARs together")
             planes = np.empty(_BYTES * len(points), np.uint8)
-            own = np.ascontiguousarray(points, np.float32)
-            bad = _pack(own, origin.astype(np.float64), step, planes)
+            values = np.ascontiguousarray(points, np.float32)
+            bad = _pack(values, origin.astype(np.float64), step, planes)
             if bad >= 0:
                 span = f"from {origin.tolist()} to {(origin + 65535 * step).tolist()}"
-                expected, found = f"coordinates {span}, intensity in [0, 1]", points[bad].tolist()
-                raise InputError(place=f"point {bad} of a cloud", expected=expected, found=found)
+                expected, faulty = f"coordinates {span}, intensity in [0, 1]", points[bad].tolist()
+                raise InputError(place=f"point {bad} of a cloud", expected=expected, found=faulty)
             packed += codec.compress(planes, asbytes=True)
             ends.append(len(packed))
             counts.append(count)
@@ -103,7 +103,7 @@ class PointClouds:
         return len(self.frames)
 
     def __getitem__(self, index: int) -> NDArray[np.float32]:
-        """Points of the `index`-th frame, shape (n, 4), float32, the caller's own."""
+        """Return the points of the `index`-th frame, shape (n, 4), float32, the caller's own."""
         if not 0 <= index < len(self):
             raise IndexError(f"frame index {index} outside 0..{len(self) - 1}")
         count = int(self.counts[index].sum())
@@ -118,17 +118,17 @@ class PointClouds:
         return (self[i] for i in range(len(self)))
 
     def lidar(self, index: int) -> NDArray[np.uint8]:
-        """Which mount each point of the `index`-th frame comes from, shape (n,), uint8."""
+        """Return the number of the mount of each point of a frame, shape (n,), uint8."""
         mounts = np.arange(self.counts.shape[1], dtype=np.uint8)
         return np.repeat(mounts, self.counts[index])
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The attributes by name, for a file or another process."""
+        """Return the attributes by name, for a file or another process."""
         return {item.name: getattr(self, item.name) for item in fields(PointClouds)}
 
 
-class Frames(Protocol):
-    """Clouds frame by frame, kept or not: what detectors look at."""
+class CloudFrames(Protocol):
+    """Interface of clouds that are read frame by frame, stored or simulated, as detectors do."""
 
     @property
     def frames(self) -> NDArray[np.int64]:
@@ -137,15 +137,15 @@ class Frames(Protocol):
     def __len__(self) -> int: ...
 
     def __getitem__(self, index: int, /) -> NDArray[np.float32]:
-        """Points of the `index`-th frame: x, y, z, intensity, shape (n, 4), the caller's own."""
+        """Return x, y, z, intensity of the `index`-th frame, shape (n, 4), the caller's own."""
 
 
-Part = TypeVar("Part", bound=Frames)
+Part = TypeVar("Part", bound=CloudFrames)
 
 
 @dataclass(frozen=True)
 class JoinedClouds(Generic[Part]):
-    """Several clouds, kept or not, one after the other, without a copy."""
+    """Several clouds, stored or not, one after the other, without a copy."""
 
     parts: Sequence[Part]
 
@@ -163,7 +163,7 @@ class JoinedClouds(Generic[Part]):
         return self._ends[-1] if self._ends else 0
 
     def __getitem__(self, index: int) -> NDArray[np.float32]:
-        """Points of the `index`-th frame, shape (n, 4), float32."""
+        """Return the points of the `index`-th frame, shape (n, 4), float32."""
         if not 0 <= index < len(self):
             raise IndexError(f"frame index {index} is not one of {len(self)} frames")
         place = bisect_right(self._ends, index)
@@ -178,10 +178,10 @@ Clouds = PointClouds | JoinedClouds[PointClouds]
 
 
 def as_kept(points: NDArray[np.float32], crop: Crop) -> NDArray[np.float32]:
-    """The points (n, 4) in `crop` as `PointClouds` would give them back, to the last bit."""
-    kept = np.empty_like(points)
-    _round(points, np.array(crop[:3], np.float64), _grid_step(crop), kept)
-    return kept
+    """Return points (n, 4) in `crop` as `PointClouds` would give them back, to the last bit."""
+    rounded = np.empty_like(points)
+    _round(points, np.array(crop[:3], np.float64), _grid_step(crop), rounded)
+    return rounded
 
 
 def _grid_step(crop: Crop) -> float:
@@ -263,7 +263,7 @@ def _pack(points, origin, step, planes):
 
 @njit(cache=True)
 def _unpack(planes, origin, step, points):
-    """Inverse of `_pack`."""
+    """Fill points from the planes of `_pack`."""
     count = len(points)
     for axis in range(3):
         low, high = 2 * axis * count, (2 * axis + 1) * count
@@ -279,10 +279,10 @@ def _unpack(planes, origin, step, points):
 
 
 @njit(cache=True, error_model="numpy")
-def _round(points, origin, step, kept):
-    """`_unpack` of `_pack`, for points that lie on the grid."""
+def _round(points, origin, step, rounded):
+    """Round points to the grid, as `_pack` and `_unpack` do."""
     for n in range(len(points)):
         for axis in range(3):
             value = np.floor((points[n, axis] - origin[axis]) / step + 0.5)
-            kept[n, axis] = origin[axis] + step * value
-        kept[n, 3] = np.floor(255 * points[n, 3] + 0.5) / 255
+            rounded[n, axis] = origin[axis] + step * value
+        rounded[n, 3] = np.floor(255 * points[n, 3] + 0.5) / 255

@@ -30,9 +30,10 @@ GROUND_MARGIN_M = 0.5
 def crop_for(
     x: Interval, y: Interval, z: Interval, placement: Placement, misaligned_heights: bool = False
 ) -> Crop:
-    """The region of a cloud that holds the ROI x, y, z and the ground under it; deeper where clouds
-    are merged without regard to heights, as the ground of a LiDAR higher than the first one
-    sinks."""
+    """Return the region of a cloud that holds the ROI x, y, z and the ground under it.
+
+    It is deeper where clouds are merged without regard to heights, as the ground of a LiDAR higher
+    than the first one sinks."""
     heights = [mount.z for mount in placement.mounts]
     sinks = max(heights) - heights[0] if misaligned_heights else 0.0
     return x[0], y[0], z[0] - GROUND_MARGIN_M - sinks, x[1], y[1], z[1]
@@ -119,17 +120,18 @@ class SimulatedClouds:
         return len(self.frames)
 
     def __getitem__(self, index: int) -> NDArray[np.float32]:
-        """Points of the `index`-th frame, shape (n, 4), float32, the caller's own."""
+        """Return the points of the `index`-th frame, shape (n, 4), float32, the caller's own."""
         return as_kept(self.returns(index)[0], self._crop)
 
     def kept(self) -> PointClouds:
-        """All of them, packed."""
+        """Simulate all frames and pack them."""
         clouds = (self.returns(index) for index in range(len(self)))
         return PointClouds.from_frames(self.frames, clouds, self._crop)
 
     def returns(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """Points of a frame before rounding, in memory that the next call uses again, and how many
-        come from each LiDAR."""
+        """Return the points of a frame before rounding, and the number from each LiDAR.
+
+        The next call uses the memory again."""
         frame = int(self.frames[index])
         parts = self._body.and_(self._surroundings.parts(frame, self._reach))
         ground, world = self._surroundings.ground(frame), self._surroundings.world(frame)
@@ -143,10 +145,10 @@ class SimulatedClouds:
         classes = self._surroundings.classes(frame) if corrected else []
         counts = np.zeros(len(rig.mounts), np.int32)
         views = zip(rig.mounts, rig.lidars, self._lifts, ends, strict=True)
-        for m, (mount, lidar, lift, own) in enumerate(views):
+        for m, (mount, lidar, lift, rig_ends) in enumerate(views):
             wide = (*(self._low - [0, 0, lift]), *(self._high - [0, 0, lift]))
             into = self._hits.get(lidar.rays)
-            hits = cast_in_world(mount, lidar, parts, world, wide, into, own)
+            hits = cast_in_world(mount, lidar, parts, world, wide, into, rig_ends)
             self._hits[lidar.rays] = hits
             free, key = self._points[counts.sum() :], (self._seed, frame, m)
             scatter_back(lidar, hits, key)
@@ -156,7 +158,9 @@ class SimulatedClouds:
 
 
 def _in_frame(placement: Placement, seed: int, frame: int) -> Placement:
-    """The rig with the part of its patterns that each LiDAR fires in a frame."""
+    """Return the rig with the part of its patterns that each LiDAR fires in a frame."""
     draws = (np.random.default_rng(key_of(seed, frame, n)) for n in range(len(placement.mounts)))
     lidars = zip(placement.lidars, draws, strict=True)
-    return placement.with_lidar([own.in_frame(int(draw.integers(2**32))) for own, draw in lidars])
+    return placement.with_lidar(
+        [lidar.in_frame(int(draw.integers(2**32))) for lidar, draw in lidars]
+    )

@@ -24,14 +24,16 @@ DROPS = 2**31 - 1
 
 
 def drop_reflectivity(extinction: float) -> float:
-    """That of a wall that sends back as much as the drops within a pulse, by the extinction, 1/m:
-    pi backscatter length, at most 1."""
+    """Return the reflectivity of a wall that sends back as much as the drops within a pulse.
+
+    It is pi backscatter length, at most 1, by the extinction, 1/m."""
     return min(1.0, math.pi * extinction / LIDAR_RATIO * PULSE_M)
 
 
 def sight_of_drops(lidar: Lidar) -> float:
-    """How far a LiDAR notices drops, metres; if `range_10` is not known, as if it saw white up to
-    `range`."""
+    """Return the range within which a LiDAR notices drops, metres.
+
+    If `range_10` is not known, it is that of a LiDAR that sees white up to `range`."""
     reflected = drop_reflectivity(lidar.extinction)
     if lidar.range_10 is not None:
         return float(lidar.sight(reflected))

@@ -1,4 +1,4 @@
-"""What the ground is made of: asphalt, paving and grass in patches, with road markings.
+"""Materials of the ground: asphalt, paving and grass in patches, with road markings.
 
 A box log does not say where roads are. So one square of patches is repeated all over the world:
 what lies at a place lies there in every frame and under every placement, and intensities vary as on
@@ -39,7 +39,7 @@ class Ground:
 
 @lru_cache(maxsize=4)
 def square(seed: int) -> NDArray[np.float32]:
-    """The square of patches of a seed; `Ground.reflectivity`."""
+    """Return the square of patches of a seed; `Ground.reflectivity`."""
     rng = np.random.default_rng([seed % 2**64, _STREAM])
     materials, shares = zip(*_SURFACES, strict=True)
     patches = (CELLS // _PATCH, CELLS // _PATCH)
@@ -50,6 +50,6 @@ def square(seed: int) -> NDArray[np.float32]:
             for start in range(int(rng.integers(_DASH + _GAP)), CELLS, _DASH + _GAP):
                 dash = lines[line, start : start + _DASH]
                 dash[:] = reflectivity(np.full(1, Material.MARKING), rng.random(1))
-    found = cells.astype(np.float32)
-    found.flags.writeable = False  # shared by all callers
-    return found
+    reflectivities = cells.astype(np.float32)
+    reflectivities.flags.writeable = False  # shared by all callers
+    return reflectivities

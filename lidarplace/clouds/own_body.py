@@ -21,16 +21,16 @@ _SEDAN = own_body()
 
 
 def body_parts(vehicle: Vehicle | None) -> Parts:
-    """What of the body is convex parts, without light; a sedan for None."""
+    """Return the convex parts of the body, without light; those of a sedan for None."""
     return _SEDAN if vehicle is None else bricks(between(vehicle.boxes), BODY, 0.0)
 
 
 @cache
 def sedan() -> Vehicle:
-    """The sedan as a surface."""
+    """Return the sedan as a surface."""
     corners = np.empty((len(_SEDAN), 8, 3))
-    for part, own in zip(_SEDAN.geometry, corners, strict=True):
-        unwrap(fill_corners)(part, own)
+    for part, part_corners in zip(_SEDAN.geometry, corners, strict=True):
+        unwrap(fill_corners)(part, part_corners)
     faces = (8 * np.arange(len(corners))[:, None, None] + FACES).reshape(-1, 3)
     return Vehicle("sedan", np.empty((0, 2, 3)), Mesh(corners.reshape(-1, 3), faces))
 
@@ -40,9 +40,9 @@ def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
     body = sedan() if vehicle is None else vehicle
     for inside in check(MountedSensors(rig.mounts, rig.lidars), Limits(body=body), body):
         (number,) = inside.lidars
-        what = "body, which the key vehicle describes"
+        region = "body, which the key vehicle describes"
         if isinstance(body.body, BendingVehicle):
-            what = "body, or on or in the way of its trailer; expected a place on the tractor"
+            region = "body, or on or in the way of its trailer; expected a place on the tractor"
         place = point(*rig.mounts[number].position)
-        wrong = f"LiDAR {number + 1} at {place} is inside the vehicle's {what}"
+        wrong = f"LiDAR {number + 1} at {place} is inside the vehicle's {region}"
         raise InputError(wrong, place=repr(rig.name))

@@ -17,15 +17,17 @@ sides when its points are counted for a table."""
 
 
 def count_points(points: ArrayLike, boxes: ArrayLike) -> NDArray[np.int64]:
-    """Number of `points` (N, 3 or more) in each of `boxes` (M, 7), shape (M,); same frame, metres
-    and radians. A point on the surface is inside."""
+    """Return the number of points (N, 3 or more) in each of `boxes` (M, 7), shape (M,).
+
+    Both are in one frame, metres and radians. A point on the surface is inside."""
     of_none, own = np.empty(0, np.int64), np.require(boxes, np.float64, ["C", "W"])
     return _count(np.ascontiguousarray(points), own, 0.0, of_none)
 
 
 def count_points_per_object(boxes: pd.DataFrame, clouds: Clouds) -> pd.DataFrame:
-    """Points of every object within `MARGIN_M` of its box: columns frame, object_id, points, in the
-    order of `boxes`.
+    """Count the points within `MARGIN_M` of the box of every object.
+
+    Columns are frame, object_id, points; rows are in the order of `boxes`.
 
     `boxes` have `frame`, `object_id` and the columns of `GEOMETRY`; rows of frames that are not in
     `clouds`, ego frame, are left out."""
@@ -46,14 +48,16 @@ BY_DISTANCE = ("class", "from_m", "to_m", "objects", "mean", "median", "p10", "u
 
 
 def points_by_distance(objects: pd.DataFrame, points: pd.DataFrame) -> pd.DataFrame:
-    """Points per object of every class in every ring around the vehicle.
+    """Return statistics of points per object of every class in every ring around the vehicle.
 
     `objects` are ground truth with frame, object_id, class, x, y; ego frame, metres; `points` of
     `count_points_per_object`. Objects of frames without points, and rings without objects, have no
     row. from_m and to_m bound the ring, objects is their number, mean, median and p10 are of the
     points on an object (a tenth have p10 or fewer), unseen is the share without a point."""
-    found = objects.merge(points, on=["frame", "object_id"])
-    grouped = found.assign(ring=ring_of(found)).groupby(["class", "ring"], observed=True)["points"]
+    counted = objects.merge(points, on=["frame", "object_id"])
+    grouped = counted.assign(ring=ring_of(counted)).groupby(["class", "ring"], observed=True)[
+        "points"
+    ]
     table = grouped.agg(
         objects="size",
         mean="mean",
@@ -70,8 +74,9 @@ def points_by_distance(objects: pd.DataFrame, points: pd.DataFrame) -> pd.DataFr
 def box_of_points(
     points: NDArray[np.float32], boxes: NDArray[np.float64], margin: float = MARGIN_M
 ) -> NDArray[np.int64]:
-    """Which of boxes (m, 7) holds each of points (n, 3 or more), within `margin`, the last of
-    several; -1: none. Shape (n,)."""
+    """Return the box (m, 7) that holds each of points (n, 3 or more), within `margin`.
+
+    It is the last of several; -1: none. Shape (n,)."""
     owner = np.full(len(points), -1)
     # numba compiles again for read-only arrays and other orders.
     _count(np.ascontiguousarray(points), np.require(boxes, np.float64, ["C", "W"]), margin, owner)
@@ -80,7 +85,7 @@ def box_of_points(
 
 @njit(cache=True, nogil=True)
 def _count(points, boxes, margin, owner) -> NDArray[np.int64]:
-    """Points in each box; `owner`, of every point or of none, gets the last box that holds it."""
+    """Count points in each box; `owner`, of all points or none, gets the last box that holds it."""
     counts = np.zeros(len(boxes), np.int64)
     for b in range(len(boxes)):
         x, y, z, length, width, height, yaw = boxes[b]

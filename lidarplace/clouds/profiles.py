@@ -1,4 +1,4 @@
-"""How the paper says its clouds were collected, and how its published code collects them.
+"""Two ways to collect clouds: the one in the paper's text, and that of its published code.
 
 They differ in three ways, each of which can be had alone, to measure its effect on AP: the LiDAR
 fires 4,000 rays a frame (5,000 points a second and beam at 20 Hz), not 90,000; roll and pitch in
@@ -14,8 +14,10 @@ from lidarplace.rigs.placement import Placement
 
 @dataclass(frozen=True)
 class Profile:
-    """A way to collect: the sensor of every mount, whether numbers of roll and pitch are taken for
-    degrees, and whether clouds are merged as if all LiDARs were as high as the first, see
+    """Settings of a collection.
+
+    Attributes: the sensor of every mount, whether numbers of roll and pitch are taken for degrees,
+    and whether clouds are merged as if all LiDARs were as high as the first, see
     `lidarplace.clouds.collect.collect`."""
 
     lidar: Lidar
@@ -23,12 +25,12 @@ class Profile:
     misaligned_heights: bool = False
 
     def placement(self, placement: Placement) -> Placement:
-        """`placement` as this profile tilts it."""
+        """Return `placement` as this profile tilts it."""
         return with_tilt_in_degrees(placement) if self.tilt_in_degrees else placement
 
 
 def with_tilt_in_degrees(placement: Placement) -> Placement:
-    """The same placement, the numbers of roll and pitch taken for degrees."""
+    """Return a placement whose numbers of roll and pitch are taken for degrees."""
     mounts = [replace(m, roll=radians(m.roll), pitch=radians(m.pitch)) for m in placement.mounts]
     return replace(placement, mounts=mounts)
 

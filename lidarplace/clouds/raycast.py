@@ -40,7 +40,7 @@ EVERYWHERE = (-math.inf, -math.inf, -math.inf, math.inf, math.inf, math.inf)
 
 
 class Hits(NamedTuple):
-    """What every ray of a LiDAR meets first, in the order of `Lidar.directions()`.
+    """First hit of every ray of a LiDAR, in the order of `Lidar.directions()`.
 
     Attributes:
         range: metres, `inf` where nothing is met within the LiDAR's range, shape (rays,), float64.
@@ -54,7 +54,7 @@ class Hits(NamedTuple):
     reflected: NDArray[np.float64]
 
     def of(self, rays: slice) -> "Hits":
-        """Those of some of the rays, in the same memory."""
+        """Return the hits of some rays, in the same memory."""
         return Hits(self.range[rays], self.target[rays], self.reflected[rays])
 
 
@@ -67,8 +67,9 @@ def cast(
     ends: NDArray[np.float64] = NO_ENDS,
     level: bool = True,
 ) -> Hits:
-    """Cast all rays of one LiDAR: range noise, drop-off, the least range and what is too dark to
-    return light are not applied.
+    """Cast all rays of one LiDAR.
+
+    Range noise, drop-off, the least range and the light that a surface must return are not applied.
 
     `parts` are what stands around, and the vehicle's own body. Hits within the `crop` x0, y0, z0,
     x1, y1, z1, ego frame, metres, are right, for rays that meet nothing there the answer is open:
@@ -93,7 +94,7 @@ class Surfaces(NamedTuple):
 
 
 class Nearest(NamedTuple):
-    """What is nearest on every ray of a LiDAR.
+    """Nearest surface on every ray of a LiDAR.
 
     Attributes:
         inverse: inverse of its distance, 1/m, shape (rays,).
@@ -143,7 +144,7 @@ class Rays(NamedTuple):
 
 @lru_cache(maxsize=64)
 def beams_of(lidar: Lidar) -> Beams:
-    """The rays of `lidar`, in read-only arrays."""
+    """Return the rays of `lidar`, in read-only arrays."""
     elevation = np.asarray(lidar.elevations)
     azimuth = np.atleast_2d(lidar.azimuths())
     elevations = np.stack([elevation, np.cos(elevation), np.sin(elevation)], axis=1)

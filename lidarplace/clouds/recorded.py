@@ -21,40 +21,45 @@ from lidarplace.rigs.recorded import RecordedRig
 
 
 def rig_record(placement: Placement) -> dict[str, object]:
-    """What `placement.json` next to recorded clouds says of their placement."""
+    """Return the record of a placement, `placement.json` next to recorded clouds."""
     lidars = [asdict(lidar) for lidar in placement.lidars]
-    for own in lidars:
-        if own["correction"] is None:  # as in folders from before there were corrections
-            del own["correction"]
+    for record in lidars:
+        if record["correction"] is None:  # as in folders from before there were corrections
+            del record["correction"]
     return {"mounts": [asdict(mount) for mount in placement.mounts], "lidars": lidars}
 
 
 def check_rig(folder: Path, placement: Placement) -> None:
-    """Raise ValueError if `placement.json` in `folder` has no rig or another than `placement`; a
-    folder without that file is taken at its word."""
+    """Raise ValueError if `placement.json` in `folder` has no rig or another than `placement`.
+
+    A folder without that file is taken at its word."""
     path = folder / "placement.json"
     if not is_there(path):
         return
     recorded = read_record(path, _Rig, "record of a rig")
-    mounts, own = ([astuple(mount) for mount in rig.mounts] for rig in (recorded, placement))
-    if len(mounts) != len(own) or not np.allclose(mounts, own, rtol=0, atol=1e-9):
+    mounts, expected_mounts = (
+        [astuple(mount) for mount in rig.mounts] for rig in (recorded, placement)
+    )
+    if len(mounts) != len(expected_mounts) or not np.allclose(
+        mounts, expected_mounts, rtol=0, atol=1e-9
+    ):
         raise InputError(f"clouds of other mounts than those of {placement.name}", place=path)
-    for n, (model, asked) in enumerate(zip(recorded.models, placement.lidars, strict=True)):
-        for key in (item.name for item in fields(asked)):
+    for n, (model, lidar) in enumerate(zip(recorded.models, placement.lidars, strict=True)):
+        for key in (item.name for item in fields(lidar)):
             # What it hid of others and what it lost was recorded, whatever is known of it.
             if key in ("size", "correction"):
                 continue
-            found, value = getattr(model, key), getattr(asked, key)
-            if not _alike(found, value):
-                where, was = f"lidars[{n}].{key}", reprlib.repr(found)
+            recorded_value, value = getattr(model, key), getattr(lidar, key)
+            if not _alike(recorded_value, value):
+                where, was = f"lidars[{n}].{key}", reprlib.repr(recorded_value)
                 raise InputError(place=path, key=where, expected=reprlib.repr(value), found=was)
 
 
-def _alike(found: Any, value: Any) -> bool:
-    """Whether both are unknown, or numbers or rows of them that are equal up to rounding."""
-    if found is None or value is None:
-        return found is value
-    return np.shape(found) == np.shape(value) and np.allclose(found, value, rtol=0, atol=1e-9)
+def _alike(one: Any, other: Any) -> bool:
+    """Return whether both are unknown, or numbers or rows of them that are equal up to rounding."""
+    if one is None or other is None:
+        return one is other
+    return np.shape(one) == np.shape(other) and np.allclose(one, other, rtol=0, atol=1e-9)
 
 
 class _Rig(BaseModel):
@@ -81,8 +86,10 @@ class _Rig(BaseModel):
 def check_lidars(
     folder: Path, rig: RecordedRig, names: Sequence[str], frames: NDArray[np.int64]
 ) -> None:
-    """Raise ValueError unless the clouds in `folder` are of `rig`, have points of each LiDAR of
-    `names`, and one cloud for each of `frames`, (F,)."""
+    """Raise ValueError unless recorded clouds are complete.
+
+    The clouds in `folder` must be of `rig`, have points of each LiDAR of `names`, and one cloud for
+    each of `frames`, (F,)."""
     points = np.zeros(len(rig.names), np.int64)
     missing = set(frames.tolist())
     for path in _parts(folder):
@@ -90,9 +97,9 @@ def check_lidars(
         missing -= set(clouds.frames.tolist())
         counts = clouds.counts
         if counts.shape[1] != len(rig.names):
-            wrong, asked = f"points of {counts.shape[1]} LiDARs", ", ".join(rig.names)
+            wrong, expected = f"points of {counts.shape[1]} LiDARs", ", ".join(rig.names)
             fix = "convert the log from clouds with a column lidar"
-            raise InputError(wrong, place=path, expected=f"{len(rig.names)}, {asked}", fix=fix)
+            raise InputError(wrong, place=path, expected=f"{len(rig.names)}, {expected}", fix=fix)
         points += counts.sum(axis=0)
     for name, count in zip(rig.names, points.tolist(), strict=True):
         if name in names and count == 0:
@@ -104,10 +111,12 @@ def check_lidars(
 def recorded_clouds(
     folder: Path, frames: NDArray[np.int64], crop: Crop, lidars: Sequence[int] | None = None
 ) -> PointClouds:
-    """The clouds of `frames` (F,) within `crop`, its faces included; `folder` is of one placement,
-    each folder in it of `lidarplace.clouds.clouds.write_clouds`. Points are kept of `lidars`, by
-    their place in the counts, ascending; None: all. Raises ValueError: the folder is missing, a
-    frame is missing or duplicate, or less than `crop` was recorded."""
+    """Read the clouds of `frames` (F,) within `crop`, its faces included.
+
+    `folder` is of one placement, each folder in it of `lidarplace.clouds.clouds.write_clouds`.
+    Points are those of `lidars`, by their place in the counts, ascending; None: all. Raises
+    ValueError: the folder is missing, a frame is missing or duplicate, or less than `crop` was
+    recorded."""
     place: dict[int, tuple[PointClouds, int]] = {}
     for path in _parts(folder):
         part = read_clouds(path)
@@ -133,10 +142,10 @@ def recorded_clouds(
                 raise InputError(wrong, place=folder) from None
             inside = ((points[:, :3] >= low) & (points[:, :3] <= high)).all(axis=1)
             lidar = part.lidar(index)
-            kept = np.arange(part.counts.shape[1]) if lidars is None else np.array(lidars)
-            inside &= np.isin(lidar, kept)
+            numbers = np.arange(part.counts.shape[1]) if lidars is None else np.array(lidars)
+            inside &= np.isin(lidar, numbers)
             counts = np.bincount(lidar[inside], minlength=part.counts.shape[1])
-            yield points[inside], counts[kept]
+            yield points[inside], counts[numbers]
 
     return PointClouds.from_frames(frames, cut(), crop)
 

@@ -1,4 +1,4 @@
-"""How much light materials send back at 905 nm: one table, and draws from it.
+"""Reflectivities of materials at 905 nm: one table, and draws from it.
 
 A reflectivity is that of an ideal white diffuser times so much: 1 sends all light back, spread as
 Lambert's law says. Retroreflectors send it back to where it came from and have far more than 1; the
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 class Material(IntEnum):
-    """What surfaces of a simulated scene are made of."""
+    """Materials of surfaces in a simulated scene."""
 
     PAINT = 0
     """Of cars, trucks and two-wheelers."""
@@ -89,20 +89,19 @@ beam. It lies flat here, so the cosine is taken out for 10 m; less where it is w
 def reflectivity(
     materials: NDArray[np.integer], shares: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Reflectivities of surfaces: quantiles of their materials at `shares`, in [0, 1]; same shape.
+    """Return quantiles of the reflectivity of materials at `shares`, in [0, 1]; same shape.
 
     Raises ValueError for a number that is no `Material`."""
-    found = np.full(np.shape(materials), np.nan)
+    reflectivities = np.full(np.shape(materials), np.nan)
     for material, knots in REFLECTIVITY.items():
-        own = materials == material
-        found[own] = np.interp(shares[own], *np.transpose(knots))
-    if np.isnan(found).any():
-        raise ValueError(f"no material {materials[np.isnan(found)].flat[0]}")
-    return found
+        of_material = materials == material
+        reflectivities[of_material] = np.interp(shares[of_material], *np.transpose(knots))
+    if np.isnan(reflectivities).any():
+        raise ValueError(f"no material {materials[np.isnan(reflectivities)].flat[0]}")
+    return reflectivities
 
 
 def uniforms(key: str, number: int, purpose: bytes = b"") -> NDArray[np.float64]:
-    """Uniform numbers in [0, 1) that depend on key and purpose alone; at most 8, shape
-    (number,)."""
+    """Return uniform numbers in [0, 1) of key and purpose; at most 8, shape (number,)."""
     digest = hashlib.blake2b(key.encode(), digest_size=8 * number, person=purpose).digest()
     return np.frombuffer(digest, "<u8") * 2.0**-64

@@ -1,4 +1,4 @@
-"""From hits to points: drop-off, range noise, intensity and the cut to a region.
+"""Points from hits: drop-off, range noise, intensity and the cut to a region.
 
 Random numbers are hashes of seed, frame, LiDAR and ray. So a point does not depend on which frames
 are collected with it, in which order or by how many workers."""
@@ -95,10 +95,10 @@ _TAIL_BELOW = (1.0, 0.24197894225, 0.012258202635, 0.0)
 
 
 @inner
-def _ratio(above, below, r):
-    """Quotient of two cubic polynomials."""
-    top = ((above[3] * r + above[2]) * r + above[1]) * r + above[0]
-    return top / (((below[3] * r + below[2]) * r + below[1]) * r + below[0])
+def _ratio(numerator, denominator, r):
+    """Return the quotient of two cubic polynomials."""
+    top = ((numerator[3] * r + numerator[2]) * r + numerator[1]) * r + numerator[0]
+    return top / (((denominator[3] * r + denominator[2]) * r + denominator[1]) * r + denominator[0])
 
 
 @inner
@@ -215,24 +215,24 @@ def _sample(rays, hits, region, ground, chance, dimming, points) -> int:
         distances, target = ranges[first : first + steps], targets[first : first + steps]
         light, of_beam = reflected[first : first + steps], (distances, target)
         _mark_within(line, azimuths, of_beam, region, chance.noise, inside)
-        kept = 0
+        number = 0
         for n in range(steps):
-            kept_steps[kept] = n
-            kept += inside[n]
+            kept_steps[number] = n
+            number += inside[n]
         if chance.corrected or chance.drop_off > 0.0:
-            kept = _drop_lost(beams, first, of_beam, (chance, stream), kept_steps[:kept])
+            number = _drop_lost(beams, first, of_beam, (chance, stream), kept_steps[:number])
         if chance.noise > 0.0:
             noise, first_ray = chance.noise, chance.first_ray + first
-            for i in range(kept):
+            for i in range(number):
                 ray = first_ray + kept_steps[i]
                 errors[i] = uniform(stream, np.uint64(2 * ray + 1))
-            _fill_normals(errors, kept, flank)
-            for i in range(kept):
+            _fill_normals(errors, number, flank)
+            for i in range(number):
                 errors[i] = max(noise * errors[i], -distances[kept_steps[i]])
         else:
-            errors[:kept] = 0.0
+            errors[:number] = 0.0
         start = count
-        for i in range(kept):
+        for i in range(number):
             n = kept_steps[i]
             length, bright = distances[n] + errors[i], light[n]
             cosine, sine = cosines[n], sines[n]
@@ -270,17 +270,17 @@ def _mark_within(line, azimuths, hits, region, noise, inside):
 def _drop_lost(beams, first, hits, chances, steps):
     """Keep the steps whose returns are not lost, at the front of `steps`; return their number."""
     (chance, stream), (ranges, targets), factors = chances, hits, chances[0].factors
-    kept = 0
+    number = 0
     for i in range(len(steps)):
         n = steps[i]
-        steps[kept] = n
+        steps[number] = n
         lost, factor, distance = chance.drop_off, 1.0, 0.0
         if chance.corrected:
             if 0 <= targets[n] < len(factors):
                 factor, distance = factors[targets[n]], ranges[n]
             lost = lost_share(first + n, distance, factor, chance.drop_off, beams)
-        kept += uniform(stream, np.uint64(2 * (chance.first_ray + first + n))) > lost
-    return kept
+        number += uniform(stream, np.uint64(2 * (chance.first_ray + first + n))) > lost
+    return number
 
 
 @inlined

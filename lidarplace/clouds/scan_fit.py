@@ -32,7 +32,7 @@ NOISE_RANGES_M = (3.0, 30.0)
 
 @dataclass(frozen=True)
 class ScanFit:
-    """What clouds show of the LiDAR that recorded them.
+    """Scan pattern of the LiDAR that recorded some clouds.
 
     `rings` are their numbers in the file, by elevation from the lowest, and `elevations` theirs,
     radians; `offsets` those of the lasers along the sensor's z axis, metres, None if all start at
@@ -76,7 +76,7 @@ def fit_scan(clouds: Mapping[str, pd.DataFrame]) -> ScanFit:
         wrong, least = "cloud too small to fit a pattern", f"{LEAST_RINGS} rings of {LEAST_POINTS}"
         found = f"{len(counts) - len(left_out)} of {int(counts.sum())} points"
         raise InputError(wrong, place=place, expected=f"{least} points", found=found)
-    rings = _Rings([own for _, own in rays.groupby("ring")])
+    rings = _Rings([ring for _, ring in rays.groupby("ring")])
     numbers = rays["ring"].drop_duplicates().sort_values().to_numpy()
     elevations, offsets, spread = rings.directions()
     start = rings.origin(elevations, offsets)
@@ -111,16 +111,16 @@ def fit_scan(clouds: Mapping[str, pd.DataFrame]) -> ScanFit:
 
 
 def _rays(cloud: pd.DataFrame, place: str) -> pd.DataFrame:
-    """Columns ring, level (distance from the z axis), z, range and azimuth of the points."""
+    """Return ring, level (distance from the z axis), z, range and azimuth of the points."""
     points = cloud[["x", "y", "z"]].to_numpy(np.float64)
-    known = np.isfinite(points).all(axis=1)
-    x, y, z = points[known].T
-    farthest = np.abs(points[known]).max(initial=0.0)
+    finite = np.isfinite(points).all(axis=1)
+    x, y, z = points[finite].T
+    farthest = np.abs(points[finite]).max(initial=0.0)
     if farthest > FARTHEST_M:
         near, found = f"coordinates within {FARTHEST_M:g} m", f"{farthest:g} m"
         raise InputError("implausible point", place=place, expected=near, found=found)
     azimuth, level = np.arctan2(y, x), np.hypot(x, y)
-    ring = cloud["ring"].to_numpy()[known] if "ring" in cloud else _rings_in_order(azimuth, place)
+    ring = cloud["ring"].to_numpy()[finite] if "ring" in cloud else _rings_in_order(azimuth, place)
     if not ((ring >= 0) & (ring < MOST_RINGS) & (ring == np.round(ring))).all():
         allowed = f"whole numbers from 0 to {MOST_RINGS - 1}"
         raise InputError(place=place, key="ring", expected=allowed)
@@ -130,7 +130,7 @@ def _rays(cloud: pd.DataFrame, place: str) -> pd.DataFrame:
 
 
 def _rings_in_order(azimuth: NDArray[np.float64], place: str) -> NDArray[np.int64]:
-    """Numbers of rings that follow each other in a file: each begins where the azimuth wraps."""
+    """Return the numbers of rings that follow each other: each begins where the azimuth wraps."""
     change = np.diff(azimuth % (2 * np.pi), prepend=azimuth[:1] % (2 * np.pi))
     wraps = max(change < -np.pi, change > np.pi, key=np.count_nonzero)
     rings: NDArray[np.int64] = np.cumsum(wraps)
@@ -152,11 +152,12 @@ class _Rings:
         self._all = rings
         far = [ring[ring["range"] > NEAREST_M] for ring in rings]
         self._far = [
-            own if len(own) >= LEAST_POINTS else ring for own, ring in zip(far, rings, strict=True)
+            far_ring if len(far_ring) >= LEAST_POINTS else ring
+            for far_ring, ring in zip(far, rings, strict=True)
         ]
 
     def directions(self) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, float]:
-        """Elevations of the lasers, their offsets or None, and the spread about them, radians.
+        """Fit elevations of the lasers, their offsets or None, and the spread about them, radians.
 
         Offsets, of blocks of lasers next to each other, are given if they explain half of the
         spread."""
@@ -173,36 +174,38 @@ class _Rings:
     def origin(
         self, elevations: NDArray[np.float64], offsets: NDArray[np.float64] | None
     ) -> NDArray[np.float64]:
-        """Where the rays start, x, y, z in metres, by how rings bend over azimuth.
+        """Fit the start of the rays, x, y, z in metres, by how rings bend over azimuth.
 
         From (x, y) a point is nearer to the axis by x cos(azimuth) + y sin(azimuth)."""
         heights = np.zeros(len(elevations)) if offsets is None else offsets
         ring = pd.concat(
-            own.assign(slope=np.tan(elevation), z=own["z"] - height)
-            for own, elevation, height in zip(self._far, elevations, heights, strict=True)
+            points.assign(slope=np.tan(elevation), z=points["z"] - height)
+            for points, elevation, height in zip(self._far, elevations, heights, strict=True)
         )
         slope, azimuth = ring["slope"].to_numpy(), ring["azimuth"].to_numpy()
         bent = slope * ring["level"].to_numpy() - ring["z"].to_numpy()
         sides = slope[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
-        kept, start = np.ones(len(bent), np.bool_), np.zeros(2)
+        near, start = np.ones(len(bent), np.bool_), np.zeros(2)
         for _ in range(4):
-            start = np.linalg.lstsq(sides[kept], bent[kept], rcond=None)[0]
+            start = np.linalg.lstsq(sides[near], bent[near], rcond=None)[0]
             apart = np.abs(bent - sides @ start)
-            kept = apart <= 2.5 * 1.4826 * np.median(apart) + 1e-6
+            near = apart <= 2.5 * 1.4826 * np.median(apart) + 1e-6
         return np.array([*start, np.median(heights)])
 
     def _elevations(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-        """Medians over each ring, and the median distance from them, radians."""
+        """Return medians over each ring, and the median distance from them, radians."""
         rings = zip(self._far, offsets, strict=True)
         each = [np.arctan2(ring["z"] - offset, ring["level"]) for ring, offset in rings]
-        middle = np.array([own.median() for own in each])
-        apart = [(own - own.median()).abs().median() for own in each]
-        return middle, float(np.median(apart))
+        medians = np.array([elevations.median() for elevations in each])
+        apart = [(elevations - elevations.median()).abs().median() for elevations in each]
+        return medians, float(np.median(apart))
 
     def azimuth_steps(self) -> int | None:
-        """Steps of a turn, by those between returns of a laser that follow each other."""
-        sweeps = [own["azimuth"] for ring in self._all for _, own in ring.groupby("sweep")]
-        gaps = np.concatenate([np.diff(np.sort(own)) for own in sweeps])
+        """Return the steps of a turn, by those between successive returns of a laser."""
+        sweeps = [
+            azimuths["azimuth"] for ring in self._all for _, azimuths in ring.groupby("sweep")
+        ]
+        gaps = np.concatenate([np.diff(np.sort(azimuths)) for azimuths in sweeps])
         fired = gaps[gaps > LEAST_STEP]
         if not len(fired):
             return None
@@ -212,43 +215,43 @@ class _Rings:
         return round(2 * np.pi * float(steps[near].sum() / gaps[near].sum()))
 
     def noise(self, step: float) -> float | None:
-        """From second differences of ranges along rings where surfaces are smooth."""
-        found = []
+        """Return the range noise, by second differences of ranges along smooth surfaces."""
+        differences = []
         for ring in self._all:
-            for _, own in ring.groupby("sweep"):
-                own = own.sort_values("azimuth")
-                r, turns = own["range"].to_numpy(), np.diff(own["azimuth"]) / step
+            for _, points in ring.groupby("sweep"):
+                points = points.sort_values("azimuth")
+                r, turns = points["range"].to_numpy(), np.diff(points["azimuth"]) / step
                 single = np.abs(turns - 1) < 0.3
-                kept = single[1:] & single[:-1] & (np.abs(r[2:] - r[:-2]) < SMOOTH_M)
-                kept &= (r[1:-1] > NOISE_RANGES_M[0]) & (r[1:-1] < NOISE_RANGES_M[1])
-                found.append((r[2:] - 2 * r[1:-1] + r[:-2])[kept])
-        bends = np.concatenate(found)
+                smooth = single[1:] & single[:-1] & (np.abs(r[2:] - r[:-2]) < SMOOTH_M)
+                smooth &= (r[1:-1] > NOISE_RANGES_M[0]) & (r[1:-1] < NOISE_RANGES_M[1])
+                differences.append((r[2:] - 2 * r[1:-1] + r[:-2])[smooth])
+        bends = np.concatenate(differences)
         if len(bends) < LEAST_POINTS:
             return None
         return float(1.4826 * np.median(np.abs(bends - np.median(bends))) / np.sqrt(6))
 
 
 def _line(ring: pd.DataFrame) -> tuple[float, float]:
-    """Height at which the line of a ring meets the z axis, metres, and how well it is known, 1/m.
+    """Fit where the line of a ring meets the z axis, metres, and how well it is known, 1/m.
 
     Points that are far from the line, as those of mixed returns, are left out step by step."""
     level, z = ring["level"].to_numpy(), ring["z"].to_numpy()
-    kept = np.ones(len(z), np.bool_)
+    near = np.ones(len(z), np.bool_)
     slope, height, width = 0.0, 0.0, 1.0
     for _ in range(6):
-        middle = level[kept].mean()
-        width = float(((level[kept] - middle) ** 2).sum())
-        if kept.sum() < LEAST_POINTS or width < 1.0:
+        mean = level[near].mean()
+        width = float(((level[near] - mean) ** 2).sum())
+        if near.sum() < LEAST_POINTS or width < 1.0:
             return height, 0.0
-        slope = float(((level[kept] - middle) * z[kept]).sum() / width)
-        height = float(z[kept].mean() - slope * middle)
+        slope = float(((level[near] - mean) * z[near]).sum() / width)
+        height = float(z[near].mean() - slope * mean)
         apart = np.abs(z - slope * level - height)
-        kept = apart <= 2.5 * 1.4826 * np.median(apart[kept]) + 1e-6
-    return height, float(np.sqrt(width) / middle)
+        near = apart <= 2.5 * 1.4826 * np.median(apart[near]) + 1e-6
+    return height, float(np.sqrt(width) / mean)
 
 
 def _in_blocks(lines: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The offset of the block that each laser is in; a block is split where that halves the misfit.
+    """Return the offset of each laser's block; a block is split where that halves the misfit.
 
     `lines`: offset and weight of each laser, by elevation, shape (lasers, 2)."""
 
@@ -265,13 +268,13 @@ def _in_blocks(lines: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _middle(lines: NDArray[np.float64]) -> float:
-    """Weighted median of offsets."""
+    """Return the weighted median of offsets."""
     order = np.argsort(lines[:, 0])
     weights = lines[order, 1].cumsum()
     return float(lines[order[np.searchsorted(weights, 0.5 * weights[-1])], 0])
 
 
 def _rate(clouds: Sequence[pd.DataFrame]) -> float | None:
-    """Turns a second by the median time of a sweep."""
+    """Return turns a second by the median time of a sweep."""
     times = [np.ptp(cloud["time"].dropna()) for cloud in clouds if "time" in cloud]
     return float(1 / np.median(times)) if times and min(times) > 0 else None

@@ -1,4 +1,4 @@
-"""Where rays of a LiDAR end at other parts of its own rig, the same in every frame."""
+"""Ends of the rays of a LiDAR at other parts of its own rig, equal in every frame."""
 
 import math
 

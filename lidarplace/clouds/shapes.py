@@ -1,4 +1,4 @@
-"""What a LiDAR meets of an object: a few convex parts inside its box.
+"""Shapes of objects: a few convex parts inside each box.
 
 A part is an upright box whose top may be shorter and narrower than its bottom, so that a cabin has
 a sloped windscreen. The parts of an object never leave its box, which is a label: the surfaces of
@@ -67,7 +67,7 @@ class Parts:
         return len(self.owner)
 
     def and_(self, others: "Parts") -> "Parts":
-        """These parts, followed by others."""
+        """Return these parts, followed by others."""
         return Parts(
             np.concatenate([self.geometry, others.geometry]),
             np.concatenate([self.owner, others.owner]),
@@ -76,8 +76,9 @@ class Parts:
 
 
 def between(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Level boxes, rows of `lidarplace.logs.boxes.GEOMETRY`, by their lowest and highest corners,
-    shape (m, 2, 3); shape (m, 7), metres."""
+    """Return level boxes by their lowest and highest corners, shape (m, 2, 3).
+
+    Rows are those of `lidarplace.logs.boxes.GEOMETRY`, shape (m, 7), metres."""
     low, high = corners[:, 0], corners[:, 1]
     return np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], axis=1)
 
@@ -87,7 +88,7 @@ def bricks(
     owner: NDArray[np.int32] | int,
     reflectivity: NDArray[np.float64] | float = 1.0,
 ) -> Parts:
-    """Boxes, rows of `GEOMETRY`, shape (P, 7), as parts."""
+    """Return boxes, rows of `GEOMETRY`, shape (P, 7), as parts."""
     number = len(boxes)
     return Parts(
         np.concatenate([boxes, np.zeros((number, 3))], axis=1),
@@ -98,7 +99,7 @@ def bricks(
 
 @dataclass(frozen=True)
 class Shapes:
-    """How the objects of a table of boxes look.
+    """Shapes of the objects of a table of boxes.
 
     `unit` are the parts of every different shape, as shares of the box, shape (S, _MOST_PARTS, 10):
     the fields of `Part`, with its reflectivity in the place of the material; else NaN. `of_row` is
@@ -109,8 +110,10 @@ class Shapes:
     margin: NDArray[np.float64]
 
     def parts(self, rows: NDArray[np.int64], geometry: NDArray[np.float64]) -> Parts:
-        """Parts of the objects in `rows` of the table, whose boxes are `geometry`, shape (B, 7);
-        owners are numbered from 0 in the order of `rows`."""
+        """Return the parts of the objects in `rows` of the table.
+
+        Their boxes are `geometry`, shape (B, 7); owners are numbered from 0 in the order of
+        `rows`."""
         unit = self.unit[self.of_row[rows]]
         x0, x1, width, z0, z1, front, rear, side, reflects, left = np.moveaxis(unit, 2, 0)
         margin = np.minimum(self.margin[self.of_row[rows]], _LARGEST_MARGIN * geometry[:, 3:6])
@@ -130,10 +133,10 @@ class Shapes:
             length * rear,
             breadth * side,
         )
-        there = ~np.isnan(x0)
-        own = np.arange(len(rows), dtype=np.int32)[:, None]
-        owner = np.where(reflects == 0.0, PANE - own, own)
-        return Parts(np.stack(columns, axis=2)[there], owner[there], reflects[there])
+        filled = ~np.isnan(x0)
+        numbers = np.arange(len(rows), dtype=np.int32)[:, None]
+        owner = np.where(reflects == 0.0, PANE - numbers, numbers)
+        return Parts(np.stack(columns, axis=2)[filled], owner[filled], reflects[filled])
 
 
 def shapes_of(boxes: pd.DataFrame, seed: int = 0) -> Shapes:
@@ -153,9 +156,9 @@ def shapes_of(boxes: pd.DataFrame, seed: int = 0) -> Shapes:
     shares = _drawn(ids, seed, _MOST_PARTS, b"reflectivity")[different // len(_KINDS)]
     material = unit[:, :, Part._fields.index("material")]
     glass = material == Material.GLASS
-    there = ~np.isnan(material) & ~glass
+    opaque = ~np.isnan(material) & ~glass
     material[glass] = 0.0
-    material[there] = reflectivity(material[there].astype(int), shares[there])
+    material[opaque] = reflectivity(material[opaque].astype(int), shares[opaque])
     vehicle = different % len(_KINDS) < len(_VEHICLES)
     return Shapes(unit, of_row.reshape(len(boxes)), vehicle[:, None] * np.array(MARGIN_M))
 
@@ -163,13 +166,13 @@ def shapes_of(boxes: pd.DataFrame, seed: int = 0) -> Shapes:
 def _drawn(
     ids: Sequence[object], seed: int, number: int, purpose: bytes = b""
 ) -> NDArray[np.float64]:
-    """Uniform numbers of every object, shape (ids, number)."""
+    """Return uniform numbers of every object, shape (ids, number)."""
     rows = [uniforms(f"{seed}/{object_id}", number, purpose) for object_id in ids]
     return np.array(rows).reshape(len(ids), number)
 
 
 def _kinds(boxes: pd.DataFrame, draw: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Index into `_KINDS` of every row."""
+    """Return the index into `_KINDS` of every row."""
     name = boxes["class"].to_numpy(str)
     length, height = (boxes[side].to_numpy(np.float64) for side in ("length", "height"))
     car, cyclist = name == "Car", name == "Cyclist"
@@ -184,8 +187,8 @@ def _kinds(boxes: pd.DataFrame, draw: NDArray[np.float64]) -> NDArray[np.int64]:
         (cyclist, _bicycle),
         (name == "Pedestrian", _pedestrian),
     ]
-    which, of_kind = zip(*kind, strict=True)
-    return np.select(which, [*map(_KINDS.index, of_kind)], _KINDS.index(_brick))
+    conditions, shapes = zip(*kind, strict=True)
+    return np.select(conditions, [*map(_KINDS.index, shapes)], _KINDS.index(_brick))
 
 
 class Part(NamedTuple):
@@ -214,7 +217,9 @@ def _drawn_car(
     slope: float,
     rear_slope: float,
 ) -> Draw:
-    """Cars from the least of each measure on; tail and windscreen with their range."""
+    """Return a function that draws cars, from the least of each measure on.
+
+    Tail and windscreen are given with their range."""
 
     def draw(a: float, b: float, c: float, d: float) -> Sequence[Part]:
         foot, end = windscreen[0] + windscreen[1] * a, tail[0] + tail[1] * b
@@ -232,8 +237,10 @@ _PICKUP = _drawn_car(0.62, (0.34, 0.06), (0.72, 0.03), slope=0.10, rear_slope=0.
 def _car(
     belt: float, tail: float, windscreen: float, slope: float, rear_slope: float
 ) -> Sequence[Part]:
-    """Body on two axles, a cabin from `tail` to the foot of the windscreen above the belt, lights,
-    and windows, which return nothing.
+    """Return body, axles, cabin, lights and windows of a car.
+
+    The cabin reaches from `tail` to the foot of the windscreen above the belt; windows return
+    nothing.
 
     Plates and lamps are bars through the whole body, of which only the ends stand out."""
     bottom, nose, back = 0.14, 0.04, 0.03
@@ -244,7 +251,7 @@ def _car(
     paint, width_of_roof = Material.PAINT, 0.94 - 2.0 * up * 0.10
 
     def bar(width: float, low: float, high: float, material: Material, left: float = 0.0) -> Part:
-        """Its ends are parallel to those of the body."""
+        """Return a bar whose ends are parallel to those of the body."""
         up, steep = (low - bottom) / (belt - bottom), (high - low) / (belt - bottom)
         rear, front = back * up - _PROUD, 1.0 - nose * up + _PROUD
         return Part(rear, front, width, low, high, nose * steep, back * steep, 0.0, material, left)
@@ -288,7 +295,7 @@ def _bicycle(a: float, b: float, c: float, d: float) -> Sequence[Part]:
 def _two_wheeler(
     wheel: float, tyre: float, frame: float, saddle: float, back: float, lean: float
 ) -> Sequence[Part]:
-    """Two wheels, what joins them, a rider whose back begins at `back`, reflector and lamp."""
+    """Return wheels, frame, a rider whose back begins at `back`, reflector and lamp."""
     rim, seat = 0.09, saddle - 0.02
     nape, face = back + 0.10 + lean, back + 0.24 + lean
     return [
@@ -304,7 +311,9 @@ def _two_wheeler(
 
 
 def _parked(a: float, b: float, c: float, d: float) -> Sequence[Part]:
-    """A bicycle without a rider: light goes through its wheels, whose rims and tyres are narrow."""
+    """Return a bicycle without a rider.
+
+    Light goes through its wheels, whose rims and tyres are narrow."""
     wheel, rim, tyre = 0.16, 0.04, 0.08
     return [
         Part(0.10, 0.10 + wheel, tyre, 0.0, 0.56, rim, rim, 0.0, Material.TYRE),
@@ -318,8 +327,10 @@ def _parked(a: float, b: float, c: float, d: float) -> Sequence[Part]:
 
 
 def _pedestrian(a: float, b: float, c: float, d: float) -> Sequence[Part]:
-    """Arms and steps fill a label, light passes between them: of rays that met a body as wide as
-    its label, 31 % passed beyond on Argoverse 2."""
+    """Return legs, body and head of a pedestrian.
+
+    Arms and steps fill a label, light passes between them: of rays that met a body as wide as its
+    label, 31 % passed beyond on Argoverse 2."""
     hip, shoulder, head = 0.47 + 0.04 * a, 0.84 + 0.03 * b, 0.14 + 0.04 * d
     return [
         Part(0.10, 0.90, 0.40 + 0.1 * c, 0.0, hip, 0.24, 0.24, 0.04, Material.CLOTHES),
@@ -329,7 +340,7 @@ def _pedestrian(a: float, b: float, c: float, d: float) -> Sequence[Part]:
 
 
 def _brick(a: float, b: float, c: float, d: float) -> Sequence[Part]:
-    """An unknown class fills its box."""
+    """Return one part that fills its box, for an unknown class."""
     return [Part(0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, Material.PAINT)]
 
 
@@ -340,7 +351,7 @@ OWN_BODY = (0.0, 0.0, 0.75, 4.6, 1.9, 1.5, 0.0)
 
 
 def own_body() -> Parts:
-    """Parts of the vehicle's own body, a sedan. It returns no light."""
+    """Return the parts of the vehicle's own body, a sedan. It returns no light."""
     sedan = _car(0.59, tail=0.105, windscreen=0.72, slope=0.165, rear_slope=0.11)
     solid = [part for part in sedan if part.material not in _LIGHTS]
     shape = Shapes(np.array([solid], np.float64), np.zeros(1, np.int64), np.zeros((1, 3)))

@@ -1,4 +1,4 @@
-"""What is around the vehicle in a frame of a box log: objects, buildings, world and the ground."""
+"""Surroundings of the vehicle in a frame of a box log: objects, buildings, world and the ground."""
 
 import numpy as np
 import pandas as pd
@@ -40,13 +40,13 @@ class Surroundings:
             raise InputError("duplicate frame", place="box log: frames", key="frame")
         self._listed = set(numbers.tolist())
         scenes = log.buildings.groupby("scene", sort=False)[list(GEOMETRY)]
-        self._buildings = {s: facades(own.to_numpy(np.float64), seed) for s, own in scenes}
+        self._buildings = {s: facades(boxes.to_numpy(np.float64), seed) for s, boxes in scenes}
         self.worlds, self._scenes = worlds_of(log.world), {s: n for n, s in enumerate(log.world)}
         self._poses = self._poses_of(log)
         self._places = full_poses(log.frames) if log.world else {}
 
     def _poses_of(self, log: BoxLog) -> dict[int, tuple[str, NDArray[np.float64]]]:
-        """Scene and pose of every frame that has a finite one."""
+        """Return scene and pose of every frame that has a finite one."""
         missing = [name for name in POSE_COLUMNS if name not in log.frames.columns]
         placed = [*self._buildings, *self._scenes]
         if missing and placed:
@@ -61,25 +61,28 @@ class Surroundings:
         finite = np.isfinite(poses).all(axis=1)
         bad = ~finite & scenes.isin(placed).to_numpy()
         if bad.any():
-            what = "buildings" if self._buildings else "a static world"
-            expected = f"a finite pose of the vehicle, because its scene has {what}"
+            reason = "buildings" if self._buildings else "a static world"
+            expected = f"a finite pose of the vehicle, because its scene has {reason}"
             where, found = f"frames: frame {numbers[bad.argmax()]}", poses[bad.argmax()].tolist()
             raise InputError(place=where, expected=expected, found=found)
         rows = zip(numbers, scenes, poses, finite, strict=True)
-        return {n: (scene, pose) for n, scene, pose, there in rows if there}
+        return {n: (scene, pose) for n, scene, pose, known in rows if known}
 
     def rows(self, frame: int) -> NDArray[np.int64]:
-        """Rows of the log's boxes in this frame, in their order."""
+        """Return the rows of the log's boxes in this frame, in their order."""
         first, last = np.searchsorted(self._frame, [frame, frame + 1])
         return self._rows[first:last]
 
     def classes(self, frame: int) -> list[str]:
-        """Of the objects of this frame, numbered as in `rows`."""
+        """Return the classes of the objects of this frame, numbered as in `rows`."""
         return [str(name) for name in self._classes.iloc[self.rows(frame)]]
 
     def parts(self, frame: int, reach: float) -> Parts:
-        """Objects of the frame, owners numbered as in `rows`, and buildings, in the ego frame;
-        those farther than `reach` metres from the vehicle are left out."""
+        """Return objects of the frame, owners numbered as in `rows`, and buildings; ego frame.
+
+        Those farther than `reach` metres from the vehicle are left out.
+
+        Those farther than `reach` metres from the vehicle are left out."""
         if frame not in self._listed:
             raise ValueError(f"frame {frame} is not in the box log")
         rows = self.rows(frame)
@@ -98,7 +101,7 @@ class Surroundings:
         return objects.and_(Parts(moved, buildings.owner[near], buildings.reflectivity[near]))
 
     def world(self, frame: int) -> WorldAround | None:
-        """What stands still around a frame, and its ground; None where the log has none."""
+        """Return the static world around a frame, and its ground; None where the log has none."""
         scene = self._scenes.get(self._poses.get(frame, ("", None))[0])
         if scene is None:
             return None
@@ -106,7 +109,7 @@ class Surroundings:
         return WorldAround(self.worlds, scene, turn, place - self.worlds.origins[scene])
 
     def ground(self, frame: int) -> Ground:
-        """The ground of a frame; without a pose of the vehicle a place is drawn for it."""
+        """Return the ground of a frame; without a pose of the vehicle a place is drawn for it."""
         cells = square(self._seed)
         if frame in self._poses:
             x, y, yaw = self._poses[frame][1].tolist()
@@ -116,7 +119,7 @@ class Surroundings:
 
 
 def facades(buildings: NDArray[np.float64], seed: int) -> Parts:
-    """Walls of buildings, rows of `GEOMETRY` in the world, shape (B, 7), and a sign on two of each.
+    """Return walls of buildings, rows of `GEOMETRY` in the world, (B, 7), and two signs on each.
 
     Both are drawn from a hash of seed and place, so a building looks the same in every run through
     its town. Signs front and back are one bar, of which only the ends stand out."""

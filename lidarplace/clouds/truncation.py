@@ -1,4 +1,4 @@
-"""How much of an object lies outside of a region, seen from above."""
+"""Truncation: the share of an object outside of a region, seen from above."""
 
 import math
 
@@ -11,7 +11,7 @@ from lidarplace.mounting.slices import clip
 
 
 def truncation(boxes: NDArray[np.float64], x: Interval, y: Interval) -> NDArray[np.float64]:
-    """Share of the footprint of each box outside the rectangle x, y; shape (B,), in [0, 1].
+    """Return the share of the footprint of each box outside the rectangle x, y; (B,), in [0, 1].
 
     Exact: the footprint is clipped as a polygon (Sutherland and Hodgman 1974). One without an area
     counts as its centre. Boxes are rows of `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7), in the
@@ -38,13 +38,13 @@ def _truncation(boxes, bounds) -> NDArray[np.float64]:
         number, cut = 4, False
         for edge in range(4):
             axis, sign = edge >> 1, -1.0 if edge & 1 else 1.0
-            kept = clip(polygon, number, axis, sign, bounds[edge] - box[axis], clipped)
-            cut |= kept != number or (clipped[:kept] != polygon[:kept]).any()
-            polygon, clipped, number = clipped, polygon, kept
+            corners = clip(polygon, number, axis, sign, bounds[edge] - box[axis], clipped)
+            cut |= corners != number or (clipped[:corners] != polygon[:corners]).any()
+            polygon, clipped, number = clipped, polygon, corners
         area = 0.0
         for n in range(number):
-            here, there = polygon[n], polygon[(n + 1) % number]
-            area += 0.5 * (here[0] * there[1] - here[1] * there[0])
+            start, end = polygon[n], polygon[(n + 1) % number]
+            area += 0.5 * (start[0] * end[1] - start[1] * end[0])
         # What no edge cuts lies inside or outside as a whole, without rounding.
         outside = 1.0 - area / whole if cut else (1.0 if number == 0 else 0.0)
         share[b] = min(max(outside, 0.0), 1.0)

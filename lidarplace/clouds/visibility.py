@@ -40,7 +40,7 @@ numbers are bounds of nuScenes's levels of visibility."""
 
 
 def visibility(log: BoxLog, seed: int = 0) -> NDArray[np.float64]:
-    """Share of each object that an ideal, dense sensor at `VIEWPOINT` sees, in [0, 1].
+    """Return the share of each object that an ideal, dense sensor at `VIEWPOINT` sees, in [0, 1].
 
     Of the rays that meet the object when it is alone, the share that still meets it first among all
     objects and buildings of its frame and the static world of the log. Neither flat ground nor own
@@ -67,8 +67,10 @@ def visible_share(
     grid: tuple[int, int],
     world: WorldAround | None = None,
 ) -> NDArray[np.float64]:
-    """Share of each object that an ideal sensor at `viewpoint`, ego frame, metres, sees past the
-    others, float64, (objects,); `parts` are of one frame, owners of objects below `objects`.
+    """Return the share of each object that an ideal sensor sees past the others, (objects,).
+
+    The sensor is at `viewpoint`, ego frame, metres; `parts` are of one frame, owners of objects
+    below `objects`.
 
     A grid of (azimuths, elevations) rays spans the angles of each object. As of `visibility`; 0 if
     no ray enters it: it is thinner than the grid, or all of it holds the viewpoint."""
@@ -217,7 +219,7 @@ def _stop_at_world(around, eye, rays, inverse):
 
 
 def occluded(share: NDArray[np.float64]) -> NDArray[np.int64]:
-    """KITTI's levels 0 to 3 of visible shares; see `OCCLUDED`."""
+    """Return KITTI's levels 0 to 3 of visible shares; see `OCCLUDED`."""
     full, partly = OCCLUDED
     return np.select([share >= full, share >= partly, share > 0], [0, 1, 2], 3)
 
@@ -225,7 +227,7 @@ def occluded(share: NDArray[np.float64]) -> NDArray[np.int64]:
 def ground_truth(
     log: BoxLog, x: Interval, y: Interval, z: Interval, seed: int = 0, by_points: bool = False
 ) -> pd.DataFrame:
-    """The objects that count: centre in the ROI x, y, z, faces included, and visible.
+    """Return the objects that count: centre in the ROI x, y, z, faces included, and visible.
 
     Rows of `log.boxes` without counts of real points and with three columns more: `visibility`, the
     share seen; `occluded`, KITTI's level of it; `truncated`, the share of the footprint outside the

@@ -27,7 +27,7 @@ from lidarplace.scenes.datasets.openlabel import read_openlabel
 from lidarplace.scenes.datasets.tabular import read_tabular
 from lidarplace.scenes.datasets.waymo import read_waymo
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
-from lidarplace.scenes.kitti.read import part, read_kitti
+from lidarplace.scenes.kitti.read import read_kitti, subfolder
 from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
 from lidarplace.scenes.label_tables.propose import propose_mapping
 from lidarplace.scenes.label_tables.read import read_label_table
@@ -284,7 +284,7 @@ def kitti(
 
     store_clouds = options.clouds is not None
     with checked_input():
-        velodyne = part(source, "velodyne")
+        velodyne = subfolder(source, "velodyne")
         if not store_clouds and velodyne.is_dir():
             options = replace(options, clouds=velodyne)
     convert_log(read, source, out, options, store_clouds=store_clouds)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
@@ -69,12 +69,11 @@ class MaskSettings(Settings):
             if not math.isclose(len(row) * self.azimuth_deg, 360.0, rel_tol=1e-6):
                 bins = f"{360 / self.azimuth_deg:.6g} for bins of {self.azimuth_deg:g} degrees"
                 raise InputError(key="shares", expected=bins, found=len(row))
-        self.mask  # noqa: B018 - what is wrong with it is wrong with the settings
+        self.mask()  # its errors are errors of the settings
         return self
 
-    @cached_property
     def mask(self) -> Mask:
-        """The mask in radians."""
+        """Build the mask, in radians."""
         return Mask(self.shares, tuple(map(math.radians, self.elevation_deg)))
 
 
@@ -114,13 +113,12 @@ class CorrectionFile(Settings):
     def _build(self) -> CorrectionFile:
         fix = "list it in classes if your logs have it"
         check_among(self.factor, (*CLASSES, OTHER, *self.classes), key="factor", fix=fix)
-        self.of_all  # noqa: B018 - what is wrong with it is wrong with the settings
+        self.correction()  # its errors are errors of the settings
         return self
 
-    @cached_property
-    def of_all(self) -> Correction:
-        """Losses of all LiDARs of the vehicle."""
-        return Correction(tuple(self.factor.items()), self.distance)
+    def correction(self, mask: Mask | None = None) -> Correction:
+        """Build the losses of all LiDARs of the vehicle, and the mask of one."""
+        return Correction(tuple(self.factor.items()), self.distance, mask)
 
     def applied_to(self, lidar: Lidar, unit: str | None = None) -> Lidar:
         """Apply the losses to a LiDAR; see `Lidar.corrected`.
@@ -148,8 +146,8 @@ class CorrectionFile(Settings):
             if table is not None and len(table) != lidar.beams:
                 beams = f"{lidar.beams} beams as the LiDAR has"
                 raise InputError(key=f"unit {unit}", expected=beams, found=len(table))
-        mask = None if settings.mask is None else settings.mask.mask
-        return replace(lidar, correction=replace(self.of_all, mask=mask), **values)
+        mask = None if settings.mask is None else settings.mask.mask()
+        return replace(lidar, correction=self.correction(mask), **values)
 
 
 def packaged() -> tuple[str, ...]:

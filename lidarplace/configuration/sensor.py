@@ -166,16 +166,15 @@ class SensorSettings(Settings):
             most = f"at most {MOST_RAYS:,} rays, beams times azimuth steps"
             rays = f"{self.azimuth_steps:,} with {beams:,} beams"
             raise InputError(key="azimuth_steps", expected=most, found=rays)
-        self.built  # noqa: B018 - what is wrong with it is wrong with the settings
+        self.lidar()  # its errors are errors of the settings
         return self
 
     def lidar(self) -> Lidar:
-        """Return the sensor in radians."""
-        return self.built
+        """Return the sensor in radians, built once."""
+        return self._built
 
     @cached_property
-    def built(self) -> Lidar:
-        """The sensor, as `lidar` has it."""
+    def _built(self) -> Lidar:
         lidar = self._uncorrected()
         if self.correction is None:
             return lidar

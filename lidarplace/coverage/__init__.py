@@ -1,4 +1,4 @@
-"""Which voxels of the ROI a placement covers: V|C in the paper."""
+"""Coverage: the voxels of the ROI that a placement covers, V|C in the paper."""
 
 from typing import Literal, get_args
 
@@ -24,23 +24,22 @@ def check_method(method: str) -> None:
 
 
 def rays_of(method: Method) -> RayMethod:
-    """How rays are traced for surrogates that need single rays: cones have none, so by `dda`."""
+    """Return how rays are traced for surrogates that need single rays: by `dda` for cones."""
     return "bresenham" if method == "bresenham" else "dda"
 
 
 def coverage(placement: Placement, roi: Roi, method: Method = "cone") -> NDArray[np.bool_]:
-    """Covered voxels, shape (nx, ny, nz).
+    """Return the covered voxels, shape (nx, ny, nz).
 
-    Args:
-        method: `cone`, exact and without azimuth sampling; `dda`, exact traversal of the rays of
-            all azimuth steps; `bresenham`, the paper's integer lines along the same rays. Raises
-            ValueError for another one.
+    `method` is `cone`, exact and without azimuth sampling; `dda`, exact traversal of the rays of
+    all azimuth steps; or `bresenham`, the paper's integer lines along the same rays. Raises
+    ValueError for another one.
     """
     return unpack(covered_bits(placement, roi, method, Tiles.whole(roi.shape)), roi.shape[2])
 
 
 def covered_bits(placement: Placement, roi: Roi, method: Method, tiles: Tiles) -> Bits:
-    """Covered voxels as a set of bits, right for the voxels that matter by `tiles`."""
+    """Return covered voxels as a set of bits, right for the voxels that matter by `tiles`."""
     check_method(method)
     if method == "cone":
         return cone_bits(placement, roi, tiles)
@@ -48,6 +47,6 @@ def covered_bits(placement: Placement, roi: Roi, method: Method, tiles: Tiles) -
 
 
 def count_covered(placement: Placement, roi: Roi, method: Method) -> int:
-    """Number of covered voxels of the whole ROI."""
+    """Return the number of covered voxels of the whole ROI."""
     bits = covered_bits(placement, roi, method, Tiles.whole(roi.shape))
     return int(np.bitwise_count(bits).sum())

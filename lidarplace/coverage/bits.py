@@ -11,12 +11,12 @@ Bits = NDArray[np.uint64]
 
 
 def empty(shape: tuple[int, int, int]) -> Bits:
-    """The empty set of a grid of that shape."""
+    """Return the empty set of a grid of that shape."""
     return np.zeros((-(-shape[2] // 64), shape[0], shape[1]), np.uint64)
 
 
 def pack(mask: NDArray[np.bool_]) -> Bits:
-    """The voxels of a mask of shape (nx, ny, nz)."""
+    """Return the voxels of a mask of shape (nx, ny, nz) as a set."""
     nx, ny, nz = mask.shape
     octets = np.zeros((nx, ny, -(-nz // 64) * 8), np.uint8)
     octets[..., : -(-nz // 8)] = np.packbits(np.ascontiguousarray(mask), axis=-1, bitorder="little")
@@ -25,7 +25,7 @@ def pack(mask: NDArray[np.bool_]) -> Bits:
 
 
 def unpack(bits: Bits, nz: int) -> NDArray[np.bool_]:
-    """The mask of a set, shape (nx, ny, nz)."""
+    """Return the mask of a set, shape (nx, ny, nz)."""
     words = np.ascontiguousarray(np.moveaxis(bits, 0, 2)).astype("<u8", copy=False)
     return np.unpackbits(words.view(np.uint8), axis=-1, count=nz, bitorder="little").view(np.bool_)
 
@@ -40,8 +40,9 @@ def exchange_columns(bits: Bits, length: int) -> Bits:
 
 @njit(cache=True, nogil=True)
 def _transpose(bits, result):
-    """Transpose blocks of 64 × 64 bits by exchanging ever smaller halves (Warren, Hacker's Delight,
-    2nd edition, section 7-3)."""
+    """Transpose blocks of 64 × 64 bits by exchanging ever smaller halves.
+
+    Source: Warren, Hacker's Delight, 2nd edition, section 7-3."""
     block = np.empty(64, np.uint64)
     for a in range(bits.shape[1]):
         for row, column in np.ndindex(len(bits), len(result)):

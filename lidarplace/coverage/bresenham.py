@@ -9,8 +9,9 @@ from lidarplace.base.kernel_cache import inner
 
 @inner
 def walk_bresenham(origin, direction, far, grid, voxels, size):
-    """Append the voxels of one line to the first `size` of `voxels`; returns the new size. It goes
-    from the sensor's voxel, inside the grid or not, to that of the ray at `far`."""
+    """Append the voxels of one line to the first `size` of `voxels`; return the new size.
+
+    It goes from the sensor's voxel, inside the grid or not, to that of the ray at `far`."""
     shape, strides = grid.shape, grid.strides
     # The axis along which the line is longest comes first.
     main, longest = 0, -1
@@ -44,7 +45,7 @@ def walk_bresenham(origin, direction, far, grid, voxels, size):
 
 @inner
 def _ends(axis, origin, direction, far, grid):
-    """First and last cell of a line on one axis: the sensor's, and the ray's at `far`."""
+    """Return first and last cell of a line on one axis: the sensor's, and the ray's at `far`."""
     minimum, resolution = grid.minimum[axis], grid.resolution
     start = math.floor((origin[axis] - minimum) / resolution)
     end = math.floor((origin[axis] + far * direction[axis] - minimum) / resolution)

@@ -36,11 +36,11 @@ _AXES = {0: (1, 2, 0), 1: (0, 2, 1), 2: (0, 1, 2)}  # axes of the grid whose col
 
 
 def cone_bits(placement: Placement, roi: Roi, tiles: Tiles) -> Bits:
-    """Voxels that the beams of `placement` cover, right for those that matter by `tiles`."""
+    """Return voxels that the beams of `placement` cover, right for those that matter by `tiles`."""
     bits = empty(roi.shape)
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
-        for own_mount, own, _ in blocks(mount, lidar):
-            bits |= sensor_bits(own, own_mount, roi, tiles)
+        for block_mount, block, _ in blocks(mount, lidar):
+            bits |= sensor_bits(block, block_mount, roi, tiles)
     return bits
 
 
@@ -56,7 +56,7 @@ def _key(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> tuple[Any, ...]:
     condition=threading.Condition(),  # threads wait for a sensor that one of them is covering
 )
 def sensor_bits(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> Bits:
-    """Voxels that one LiDAR covers, right for those that matter by `tiles`; read-only."""
+    """Return voxels that one LiDAR covers, right for those that matter by `tiles`; read-only."""
     if lidar.pattern is not None:
         bits = pack(covered_by_rays(Placement("one", [mount], lidar), roi, "dda"))
         bits.flags.writeable = False
@@ -86,11 +86,11 @@ def sensor_bits(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> Bits:
 
 
 def covered_voxel_by_voxel(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
-    """The same as `coverage` by cones, by the test of every single voxel: slower, always valid."""
+    """Return `coverage` by cones, by the test of every single voxel: slower, always valid."""
     covered = np.zeros(roi.shape, np.bool_)
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
-        for own_mount, own, _ in blocks(mount, lidar):
-            cover_voxels(_sensor(own, own_mount), roi.minimum, roi.resolution, covered)
+        for block_mount, block, _ in blocks(mount, lidar):
+            cover_voxels(_sensor(block, block_mount), roi.minimum, roi.resolution, covered)
     return covered
 
 

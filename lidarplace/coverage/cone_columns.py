@@ -172,10 +172,12 @@ def _add_level_beam(tile, near, far, s, covered):
     for word in range(tile.first >> 6, (tile.last >> 6) + 1):
         bits = covered[word]
         offset = tile.bottom / tile.resolution + 64.0 * word
-        below, above = offset + slack, offset - slack
+        low_offset, high_offset = offset + slack, offset - slack
         end = min(tile.nz - 64.0 * word, 64.0)
         for c in range(TILE_X * TILE_Y):
-            bits[c] |= _run_bits(slope * closest[c] - below, slope * farthest[c] - above, end)
+            bits[c] |= _run_bits(
+                slope * closest[c] - low_offset, slope * farthest[c] - high_offset, end
+            )
 
 
 @inlined
@@ -225,13 +227,13 @@ def _fill_heights(tile, graph, x, heights):
 def _add_between(tile, graph, row, before, after, covered):
     """Add the runs of a row of columns, between the corners of each: heights on its two lines."""
     for word in range(tile.first >> 6, (tile.last >> 6) + 1):
-        below, above = 64.0 * word + graph.slack, 64.0 * word - graph.slack
+        low_offset, high_offset = 64.0 * word + graph.slack, 64.0 * word - graph.slack
         end = min(tile.nz - 64.0 * word, 64.0)
         bits = covered[word, row * TILE_Y : (row + 1) * TILE_Y]
         for c in range(TILE_Y):
             low = min(min(before[c], after[c]), min(before[c + 1], after[c + 1]))
             high = max(max(before[c], after[c]), max(before[c + 1], after[c + 1]))
-            bits[c] |= _run_bits(low - below, high - above, end)
+            bits[c] |= _run_bits(low - low_offset, high - high_offset, end)
 
 
 @inlined

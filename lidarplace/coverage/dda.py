@@ -13,9 +13,10 @@ from lidarplace.base.kernel_cache import inner
 
 @inner
 def _crossing(cell, origin, d, minimum, resolution):
-    """Ray parameter at which a ray leaves `cell` along one axis. From the grid line, not by adding
-    up: errors do not grow along the ray, and equal parameters of two axes compare equal where
-    coordinates and directions have few bits."""
+    """Return the ray parameter at which a ray leaves `cell` along one axis.
+
+    It is computed from the grid line, not by adding up: errors do not grow along the ray, and equal
+    parameters of two axes compare equal where coordinates and directions have few bits."""
     if d == 0.0:
         return math.inf
     return (minimum + (cell + (d > 0)) * resolution - origin) / d
@@ -23,8 +24,9 @@ def _crossing(cell, origin, d, minimum, resolution):
 
 @inner
 def _first_cell(start, origin, d, minimum, resolution, cells):
-    """Cell on one axis just before the ray enters the grid, -1 or `cells`, or just after its
-    start."""
+    """Return the cell on one axis just before the ray enters the grid, or just after its start.
+
+    Before the grid it is -1 or `cells`."""
     position = math.floor((origin + start * d - minimum) / resolution)
     cell = int(min(max(position, -1), cells))
     if d > 0:
@@ -42,7 +44,7 @@ def _first_cell(start, origin, d, minimum, resolution, cells):
 
 @inner
 def _is_past(line, start, origin, d, minimum, resolution):
-    """Whether a grid line is crossed before the ray enters the grid, or where it starts."""
+    """Return whether a grid line is crossed before the ray enters the grid, or where it starts."""
     crossing = (minimum + line * resolution - origin) / d
     return crossing < start or crossing <= 0.0
 

@@ -1,4 +1,4 @@
-"""What single rays give a voxel: coverage, the number of rays, and the chance to be detected."""
+"""Voxels and single rays: coverage, the number of rays, and the chance to be detected."""
 
 import math
 from collections.abc import Iterator
@@ -36,8 +36,15 @@ class VoxelGrid(NamedTuple):
     strides: NDArray[np.int64]
 
 
+class VoxelLists(NamedTuple):
+    """Voxels of rays: ray n passes `voxels[offsets[n]:offsets[n + 1]]`, indices in a grid."""
+
+    voxels: NDArray[np.unsignedinteger]
+    offsets: NDArray[np.int64]
+
+
 def covered_by_rays(placement: Placement, roi: Roi, method: RayMethod) -> NDArray[np.bool_]:
-    """Voxels that at least one ray of `placement` passes, shape (nx, ny, nz)."""
+    """Return the voxels that at least one ray of `placement` passes, shape (nx, ny, nz)."""
     covered = _in_layers(roi, np.bool_)
     for voxels, _ in _chunks(placement, roi, method):
         _cover(voxels, covered.reshape(-1))
@@ -47,8 +54,9 @@ def covered_by_rays(placement: Placement, roi: Roi, method: RayMethod) -> NDArra
 def ray_counts(
     placement: Placement, roi: Roi, method: RayMethod, azimuth_stride: int = 1
 ) -> NDArray[np.int32]:
-    """m(v), the number of rays through every voxel, shape (nx, ny, nz), not in C order. With
-    `azimuth_stride` rays are `thinned`; each stands for `ray_weight` of them."""
+    """Return m(v), the number of rays through every voxel, shape (nx, ny, nz), not in C order.
+
+    With `azimuth_stride` rays are `thinned`; each stands for `ray_weight` of them."""
     counts = _in_layers(roi, np.int32)
     for voxels, _ in _chunks(thinned(placement, azimuth_stride), roi, method):
         _count(voxels, counts.reshape(-1))
@@ -64,16 +72,14 @@ def log_miss(
     detection_probability: float,
     azimuth_stride: int = 1,
 ) -> NDArray[np.float64]:
-    """`ln prod over rays of (1 - q w_r)`: the log-probability that no ray detects an object at v.
+    """Return `ln prod over rays of (1 - q w_r)`: the log-probability that no ray detects an object.
 
     Ray r reaches voxel v with probability `w_r = prod (1 - p)` over the voxels before v. Shape (nx,
     ny, nz), <= 0; 0 where p = 0. With `azimuth_stride` rays are `thinned`, and each counts
     `ray_weight` times.
 
-    Args:
-        counts, frames: frames in which each voxel is occupied, shape (nx, ny, nz), and T; from
-            integers 1 - p is as exact as p.
-        detection_probability: q, in (0, 1].
+    `counts`, shape (nx, ny, nz), are the frames, of `frames`, in which each voxel is occupied: from
+    integers 1 - p is as exact as p. `detection_probability` is q, in (0, 1].
     """
     layers = np.ascontiguousarray(counts.transpose(2, 0, 1)).reshape(-1)
     result = _in_layers(roi, np.float64)
@@ -84,8 +90,9 @@ def log_miss(
 
 
 def thinned(placement: Placement, azimuth_stride: int) -> Placement:
-    """Every LiDAR with `round(azimuth_steps / azimuth_stride)` azimuth steps, at least one; of a
-    pattern, so many rays.
+    """Return every LiDAR with `round(azimuth_steps / azimuth_stride)` azimuth steps, at least one.
+
+    A pattern gets as many rays.
 
     Raises ValueError if the stride is below 1, or none of the steps is in the field of view."""
     if azimuth_stride < 1:
@@ -94,32 +101,34 @@ def thinned(placement: Placement, azimuth_stride: int) -> Placement:
 
 
 def ray_weight(placement: Placement, azimuth_stride: int) -> float:
-    """Rays of `placement` that one of `thinned(placement, azimuth_stride)` stands for. By the steps
-    of whole turns, so the stride itself where it divides them."""
+    """Return the rays of `placement` that one of `thinned(placement, azimuth_stride)` stands for.
+
+    It is by the steps of whole turns, so the stride itself where it divides them."""
     thin = thinned(placement, azimuth_stride)
     rigs = (placement, thin)
-    every, traced = (sum(own.beams * own.azimuth_steps for own in rig.lidars) for rig in rigs)
+    every, traced = (sum(lidar.beams * lidar.azimuth_steps for lidar in rig.lidars) for rig in rigs)
     return every / traced
 
 
 def _in_layers(roi: Roi, dtype: type[np.generic]) -> NDArray[Any]:
-    """Zeros by layers of z, shape (nz, nx, ny). Rays run flat: in C order of (nx, ny, nz) nearly
-    each of their voxels would be on another page."""
+    """Return zeros by layers of z, shape (nz, nx, ny).
+
+    Rays run flat: in C order of (nx, ny, nz) nearly each of their voxels would be on another
+    page."""
     nx, ny, nz = roi.shape
     return np.zeros((nz, nx, ny), dtype)
 
 
-def _chunks(
-    placement: Placement, roi: Roi, method: RayMethod
-) -> Iterator[tuple[NDArray[np.unsignedinteger], NDArray[np.int64]]]:
-    """Voxels of some rays after the other, as indices into `_in_layers`, and their offsets; in
-    memory that the next chunk uses again."""
+def _chunks(placement: Placement, roi: Roi, method: RayMethod) -> Iterator[VoxelLists]:
+    """Yield voxels of some rays after the other, as indices into `_in_layers`, and their offsets.
+
+    The next chunk uses the memory again."""
     nx, ny, nz = roi.shape
     strides = np.array([ny, 1, nx * ny])
     grid = VoxelGrid(roi.minimum, roi.resolution, np.array([nx, ny, nz]), strides)
     index: type[np.unsignedinteger] = np.uint32 if nx * ny * nz < 2**32 else np.uint64
     voxels = np.empty(max(_CHUNK, 2 * (nx + ny + nz)), index)
-    offsets = np.empty(_CHUNK // 8, np.int64)
+    lists = VoxelLists(voxels, np.empty(_CHUNK // 8, np.int64))
     directions_of = cache(Lidar.directions)
     lidars = zip(placement.mounts, placement.lidars, strict=True)
     bresenham = method == "bresenham"
@@ -129,14 +138,14 @@ def _chunks(
         hit = spans[:, 0] < np.inf
         ways, spans = ways[hit], spans[hit]
         while len(ways):
-            rays = walk_rays(bresenham, start, ways, spans, reach, grid, voxels, offsets)
-            yield voxels[: offsets[rays]], offsets[: rays + 1]
+            rays = walk_rays(bresenham, start, ways, spans, reach, grid, lists)
+            yield VoxelLists(lists.voxels[: lists.offsets[rays]], lists.offsets[: rays + 1])
             ways, spans = ways[rays:], spans[rays:]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def clip_rays(origin, directions, reach, grid):
-    """Entry (0 for an origin in the grid) and exit of rays, metres, float64, shape (rays, 2).
+    """Return entry (0 for an origin in the grid) and exit of rays, metres, shape (rays, 2).
 
     (inf, -inf) for those that miss the grid or end before it, by `reach`, metres. `origin` (3,) and
     unit vectors `directions` (rays, 3) are in the ego frame."""
@@ -160,16 +169,12 @@ def clip_rays(origin, directions, reach, grid):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def walk_rays(bresenham, origin, directions, spans, reach, grid, voxels, offsets):
-    """Write the voxels of the first rays, as many as there is room for; return how many, at most
-    `len(offsets) - 1`.
+def walk_rays(bresenham, origin, directions, spans, reach, grid, lists):
+    """Write the voxels of the first rays, as many as fit, to `VoxelLists`; return their number.
 
-    Args:
-        bresenham: whether the paper's integer lines are followed.
-        origin, directions, reach, grid: as in `clip_rays`, which gives `spans`.
-        voxels: indices go here, unsigned; room for `sum(grid.shape)` is enough for a ray.
-        offsets: those of ray n are `voxels[offsets[n]:offsets[n + 1]]`.
-    """
+    `bresenham`: whether the paper's integer lines are followed. Room for `sum(grid.shape)` voxels
+    is enough for a ray. The other arguments are those of `clip_rays`, which gives `spans`."""
+    voxels, offsets = lists
     size, rays = np.uint64(0), 0
     room = len(voxels) - grid.shape.sum()
     offsets[0] = 0

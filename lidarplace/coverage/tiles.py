@@ -1,4 +1,4 @@
-"""Which voxels matter: for tiles of columns, the layers between which a scene has anything."""
+"""Tiles of columns, and the layers of each between which a scene has anything."""
 
 from __future__ import annotations
 
@@ -12,21 +12,23 @@ from lidarplace.coverage.cone_columns import TILE_X, TILE_Y
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """Layers that matter in every tile of TILE_X × TILE_Y columns of a grid, first and last, shape
-    (tiles in x, tiles in y), int32; nothing matters in a tile where `highest < lowest`."""
+    """Layers that matter in every tile of TILE_X × TILE_Y columns of a grid.
+
+    First and last have shape (tiles in x, tiles in y), int32; nothing matters in a tile where
+    `highest < lowest`."""
 
     lowest: NDArray[np.int32]
     highest: NDArray[np.int32]
 
     @classmethod
     def whole(cls, shape: tuple[int, int, int]) -> Tiles:
-        """All voxels of a grid matter."""
+        """Return tiles of which all voxels of a grid matter."""
         tiles = (-(-shape[0] // TILE_X), -(-shape[1] // TILE_Y))
         return cls(np.zeros(tiles, np.int32), np.full(tiles, shape[2] - 1, np.int32))
 
     @classmethod
     def of_voxels(cls, matters: NDArray[np.bool_]) -> Tiles:
-        """The voxels of the mask `matters`, shape (nx, ny, nz)."""
+        """Return the tiles of the voxels of the mask `matters`, shape (nx, ny, nz)."""
         nx, ny, nz = matters.shape
         lines = np.logical_or.reduceat(matters, np.arange(0, nx, TILE_X), axis=0)
         layers = np.logical_or.reduceat(lines, np.arange(0, ny, TILE_Y), axis=1)
@@ -36,18 +38,18 @@ class Tiles:
         return cls(lowest.astype(np.int32), highest.astype(np.int32))
 
     def __or__(self, other: Tiles) -> Tiles:
-        """What matters to one or the other."""
+        """Return the layers that matter to one or the other."""
         return Tiles(np.minimum(self.lowest, other.lowest), np.maximum(self.highest, other.highest))
 
     def along(self, axis: int, shape: tuple[int, int, int]) -> Tiles:
-        """Tiles of the grid whose columns run along `axis`; `shape` is that of the grid.
+        """Return tiles of the grid whose columns run along `axis`; `shape` is that of the grid.
 
         The axes of that grid are (y, z, x) for axis 0 and (x, z, y) for axis 1. Each of its tiles
         spans whole tiles of this one, so it may hold more than matters, never less."""
         if axis == 2:
             return self
         run, side = (TILE_X, TILE_Y) if axis == 0 else (TILE_Y, TILE_X)
-        lowest, highest = (own.T if axis == 0 else own for own in (self.lowest, self.highest))
+        lowest, highest = (layer.T if axis == 0 else layer for layer in (self.lowest, self.highest))
         # Now (tiles aside, tiles along the run). Layers become columns of the new grid.
         layers = (np.arange(-(-shape[2] // TILE_Y)) * TILE_Y)[:, None]
         meets = (lowest[:, None] <= layers + TILE_Y - 1) & (highest[:, None] >= layers)

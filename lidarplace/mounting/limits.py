@@ -1,7 +1,7 @@
 """Limits of mounting and their excess: one rule for searches, studio and cautions."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import NamedTuple
@@ -104,16 +104,12 @@ class Violation:
     excess: float
 
 
-Measured = Iterator[tuple[tuple[int, ...], float]]
-"""Numbers of LiDARs, and what is measured of them."""
-
-
 def check(rig: MountedSensors, limits: Limits, vehicle: Vehicle) -> list[Violation]:
     """Return the limits that a rig exceeds; `vehicle` hides objects, with its keep-outs."""
     violations = []
     for name, bound in limits.bounds.items():
-        for lidars, value in _MEASURES[name](rig, limits, vehicle):
-            by = excess(value, bound, at_least=name in LOWER_BOUNDS)
+        for lidars, value in _measure(name, rig, limits, vehicle):
+            by = excess(value, bound, at_least=name in _LOWER_BOUNDS)
             tolerance = MICROMETRE if name == "zone" else 0.0
             if by > tolerance or (name == "distance" and value == 0):
                 violations.append(Violation(name, lidars, value, by))
@@ -122,8 +118,8 @@ def check(rig: MountedSensors, limits: Limits, vehicle: Vehicle) -> list[Violati
 
 def worst(name: str, rig: MountedSensors, limits: Limits, vehicle: Vehicle) -> float:
     """Return the measured value of the limit `name` that is closest to its bound, or beyond it."""
-    values = (value for _, value in _MEASURES[name](rig, limits, vehicle))
-    return min(values, default=math.inf) if name in LOWER_BOUNDS else max(values, default=0.0)
+    values = (value for _, value in _measure(name, rig, limits, vehicle))
+    return min(values, default=math.inf) if name in _LOWER_BOUNDS else max(values, default=0.0)
 
 
 def excess(value: float, bound: float, *, at_least: bool) -> float:
@@ -132,67 +128,43 @@ def excess(value: float, bound: float, *, at_least: bool) -> float:
     return 0.0 if abs(by) < ROUNDING else by
 
 
-def _outside_zones(rig: MountedSensors, limits: Limits, vehicle: Vehicle) -> Measured:
-    for number, mount in enumerate(rig.mounts):
-        yield (number,), min(distance(zone, mount.x, mount.y, mount.z) for zone in limits.zones)
-
-
-def _inside_body(rig: MountedSensors, limits: Limits, vehicle: Vehicle) -> Measured:
-    assert limits.body is not None
-    return _by_lidar(depth_in_body(limits.body, _positions(rig)))
-
-
-def _inside_keep_out(rig: MountedSensors, limits: Limits, vehicle: Vehicle) -> Measured:
-    return _by_lidar(depth_in(limits.keep_out, _positions(rig)))
-
-
-def _positions(rig: MountedSensors) -> NDArray[np.float64]:
-    return np.array([mount.position for mount in rig.mounts]).reshape(-1, 3)
-
-
-def _by_lidar(values: NDArray[np.float64]) -> Measured:
-    return (((number,), value) for number, value in enumerate(values.tolist()))
-
-
-def _distances(rig: MountedSensors, limits: Limits, vehicle: Vehicle) -> Measured:
-    places = [(mount.x, mount.y, mount.z) for mount in rig.mounts]
-    for i, j in combinations(range(len(places)), 2):
-        yield (i, j), math.dist(places[i], places[j])
-
-
-def _body_shares(rig: MountedSensors, limits: Limits, vehicle: Vehicle) -> Measured:
-    housings = housings_of(rig.mounts, rig.lidars)
-    for number, (mount, lidar) in enumerate(zip(rig.mounts, rig.lidars, strict=True)):
-        yield (number,), body_share(mount, lidar, vehicle, others=without(housings, number))
-
-
-def _common_view(rig: MountedSensors, limits: Limits, vehicle: Vehicle) -> Measured:
-    """Measure the weakest pair in the pose of the vehicle that hides most of it."""
-    placement, requested = rig.placement, limits.common_view
-    if placement is not None and requested is not None:
-        views = (
-            common_view(placement, pose, requested, rig.further) for pose in vehicle.poses.values()
-        )
-        share, pair = min((weakest(view, requested) for view in views), key=lambda own: own[0])
-        yield pair or (), share
-
-
-def _facing(rig: MountedSensors, limits: Limits, vehicle: Vehicle) -> Measured:
-    """Measure the number of pairs in the pose of the vehicle that leaves most in sight."""
-    placement = rig.placement
-    if placement is not None:
-        pairs = max((facing_pairs(placement, p) for p in vehicle.poses.values()), key=len)
-        yield from ((pair, float(len(pairs))) for pair in pairs)
-
-
-_MEASURES: dict[str, Callable[[MountedSensors, Limits, Vehicle], Measured]] = {
-    "zone": _outside_zones,
-    "body": _inside_body,
-    "keep_out": _inside_keep_out,
-    "distance": _distances,
-    "body_share": _body_shares,
-    "common_view": _common_view,
-    "facing": _facing,
-}
-LOWER_BOUNDS = {"distance", "common_view"}
+_LOWER_BOUNDS = {"distance", "common_view"}
 """Limits whose bound is the least value; of all others it is the largest."""
+
+
+def _measure(
+    name: str, rig: MountedSensors, limits: Limits, vehicle: Vehicle
+) -> Iterator[tuple[tuple[int, ...], float]]:
+    """Yield numbers of LiDARs, and what a limit measures of them.
+
+    Pairs are measured in the pose of the vehicle in which they are worst."""
+    places = [mount.position for mount in rig.mounts]
+    placement = rig.placement if name in ("common_view", "facing") else None
+    match name:
+        case "zone":
+            for number, place in enumerate(places):
+                yield (number,), min(distance(zone, *place) for zone in limits.zones)
+        case "body" | "keep_out":
+            points = np.reshape(places, (-1, 3))
+            if name == "keep_out":
+                depths = depth_in(limits.keep_out, points)
+            else:
+                depths = depth_in_body(limits.body or vehicle, points)
+            yield from (((number,), depth) for number, depth in enumerate(depths.tolist()))
+        case "distance":
+            for i, j in combinations(range(len(places)), 2):
+                yield (i, j), math.dist(places[i], places[j])
+        case "body_share":
+            housings = housings_of(rig.mounts, rig.lidars)
+            for number, (mount, lidar) in enumerate(zip(rig.mounts, rig.lidars, strict=True)):
+                others = without(housings, number)
+                yield (number,), body_share(mount, lidar, vehicle, others=others)
+        case "common_view" if placement is not None and (view := limits.common_view) is not None:
+            poses = vehicle.poses.values()
+            shares = (common_view(placement, pose, view, rig.further) for pose in poses)
+            share, pair = min((weakest(each, view) for each in shares), key=lambda least: least[0])
+            yield pair or (), share
+        case "facing" if placement is not None:
+            poses = vehicle.poses.values()
+            pairs = max((facing_pairs(placement, pose) for pose in poses), key=len)
+            yield from ((pair, float(len(pairs))) for pair in pairs)

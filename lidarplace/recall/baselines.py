@@ -16,7 +16,7 @@ empty boxes ask for a few points alike."""
 
 
 def per_object(objects: CountedObjects, seen: SurfaceCells) -> pd.DataFrame:
-    """What is seen of every object, in their order.
+    """Measure what is seen of every object, in their order.
 
     Columns frame, object_id, class, points, cells, and length, width and height observed: from the
     first to the last cell hit along each axis of the object, metres, at most its size."""
@@ -31,7 +31,7 @@ def per_object(objects: CountedObjects, seen: SurfaceCells) -> pd.DataFrame:
 
 
 def baselines(objects: CountedObjects, seen: SurfaceCells) -> pd.DataFrame:
-    """Means over the objects of every class, index `class`.
+    """Return means over the objects of every class, index `class`.
 
     Columns: log_points, ln(1 + points); enough_points, share of objects with `ENOUGH_POINTS` or
     more; log_cells, ln(1 + cells); length, width and height, share of the object's that is
@@ -50,16 +50,16 @@ def baselines(objects: CountedObjects, seen: SurfaceCells) -> pd.DataFrame:
 
 @njit(cache=True, nogil=True)
 def _spans(offsets, cells, slices):
-    """Slices from the first to the last one hit along each axis; 0 where nothing is hit."""
+    """Return slices from the first to the last one hit along each axis; 0 where nothing is hit."""
     spans = np.zeros((len(slices), 3))
     for b in range(len(slices)):
         low, high = slices[b].copy(), np.full(3, -1)
         for n in range(offsets[b], offsets[b + 1]):
             whole = np.int64(cells[n])
             for axis in (2, 1, 0):
-                here = whole % slices[b, axis]
+                slice_number = whole % slices[b, axis]
                 whole //= slices[b, axis]
-                low[axis], high[axis] = min(low[axis], here), max(high[axis], here)
+                low[axis], high[axis] = min(low[axis], slice_number), max(high[axis], slice_number)
         for axis in range(3):
             spans[b, axis] = max(0, high[axis] - low[axis] + 1)
     return spans

@@ -1,4 +1,4 @@
-"""Which of many candidate mounts find most: greedy choice by `expected_recall`, and its bound.
+"""Choice of mounts from many candidates: greedy, by `expected_recall`, and its bound.
 
 The value of a set is a weighted sum of `expected_recall` over classes. The cells that a set hits
 are a union and every detection curve is concave, so it is monotone and submodular.
@@ -49,7 +49,7 @@ class RecallChoice(SubmodularChoice):
         return len(self.seen)
 
     def value(self, chosen: Sequence[int]) -> float:
-        """The value of a set of candidates."""
+        """Return the value of a set of candidates."""
         return float(self._found(self._cells(self._hit(self._all_of(chosen)))).sum())
 
     def _added_to(self, chosen: Sequence[int]) -> Added:
@@ -73,30 +73,30 @@ class RecallChoice(SubmodularChoice):
         return weights / of_class.map(of_class.value_counts()).to_numpy(np.float64)
 
     def _all_of(self, chosen: Sequence[int]) -> NDArray[np.float64]:
-        """Shares of the candidates: 1 of those that are chosen."""
+        """Return shares of the candidates: 1 of those that are chosen."""
         share = np.zeros(len(self.seen))
         share[list(chosen)] = 1.0
         return share
 
     def _hit(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Sum of the shares of the candidates that hit each cell, shape (cells of all objects,)."""
+        """Sum up the shares of the candidates that hit each cell, shape (cells of all objects,)."""
         hit = np.zeros(self._first_cell[-1])
         for one in np.flatnonzero(share).tolist():
             _add(self.seen[one].offsets, self.seen[one].cells, self._first_cell, share[one], hit)
         return hit
 
     def _cells(self, hit: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Cells of every object, each by how much of it is hit, shape (objects,)."""
+        """Return the cells of every object, each by how much of it is hit, shape (objects,)."""
         if not len(hit):
             return np.zeros(0)
         return np.add.reduceat(np.minimum(hit, 1.0), self._first_cell[:-1])
 
     def _further(self, one: int, hit: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Cells of every object that a candidate adds to those that are hit, shape (objects,)."""
+        """Return the cells of every object that a candidate adds, shape (objects,)."""
         return _not_hit(self.seen[one].offsets, self.seen[one].cells, self._first_cell, hit)
 
     def _found(self, cells: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What the objects contribute to the value, by their distinct cells, shape (objects,)."""
+        """Return the share of each object in the value, by its distinct cells, shape (objects,)."""
         return self._worth * self.model.found(cells)
 
     def _cut_of_set(self, chosen: Sequence[int], blocks: int) -> Cut:
@@ -108,7 +108,7 @@ class RecallChoice(SubmodularChoice):
         )
 
     def _tangent(self, share: NDArray[np.float64], blocks: int) -> Cut:
-        """The cut that touches the value where `share` of each candidate is chosen."""
+        """Return the cut that touches the value where `share` of each candidate is chosen."""
         hit = self._hit(share)
         cells = self._cells(hit)
         slope = self._worth * self.model.most * self.model.rate * np.exp(-self.model.rate * cells)
@@ -122,7 +122,7 @@ class RecallChoice(SubmodularChoice):
         of_one: Callable[[int], NDArray[np.float64]],
         blocks: int,
     ) -> Cut:
-        """From a constant of the objects, and a slope of them for every candidate."""
+        """Return a cut from a constant of the objects, and a slope of them for every candidate."""
         block = np.arange(len(constant)) * blocks // max(1, len(constant))
 
         def sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -143,7 +143,7 @@ def _add(offsets, cells, first_cell, share, hit):
 
 @njit(cache=True, nogil=True)
 def _not_hit(offsets, cells, first_cell, hit) -> NDArray[np.float64]:
-    """Number of a candidate's cells of every object of which less than 1 is hit."""
+    """Count a candidate's cells of every object of which less than 1 is hit."""
     further = np.zeros(len(offsets) - 1)
     for row in range(len(further)):
         for n in range(offsets[row], offsets[row + 1]):

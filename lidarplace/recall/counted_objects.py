@@ -49,9 +49,10 @@ _HAIR_M = 1e-6
 
 
 @dataclass(frozen=True)
-class InRig:
-    """A LiDAR, with the azimuth steps that are cast, and the housings that it may meet, as rows
-    without the number of the LiDAR."""
+class MountedLidar:
+    """A LiDAR as it is cast, and the housings that it may meet.
+
+    Housings are rows without the number of the LiDAR."""
 
     mount: Mount
     lidar: Lidar
@@ -100,6 +101,7 @@ class CountedObjects:
         """Find the objects that count; casts no ray yet.
 
         Args:
+            log: boxes, and what stands around them.
             roi: objects whose centre it holds count, and points within it.
             classes: classes of objects.
             cell: edge of a cell, metres.
@@ -129,7 +131,7 @@ class CountedObjects:
         return np.require(self.table[list(GEOMETRY)], np.float64, ["C", "W"])
 
     def seen_by(self, placements: Sequence[Placement]) -> list[SurfaceCells]:
-        """What each placement hits of the objects, in their order; cast in numba's threads.
+        """Return the cells that each placement hits, in their order; cast in numba's threads.
 
         A mount that several of them have is cast once, if the same LiDARs stand in its way. Tables
         of single candidates are joined to rigs by `SurfaceCells.and_`; their LiDARs do not hide
@@ -140,31 +142,33 @@ class CountedObjects:
         of_lidar = dict(zip(lidars, self.cells_of(lidars), strict=True))
         return [reduce(SurfaceCells.and_, [of_lidar[lidar] for lidar in rig]) for rig in rigs]
 
-    def in_rig(self, placement: Placement) -> list[InRig]:
-        """The LiDARs of a rig as they are cast. Raises ValueError as `seen_by` does."""
-        housings, own = housings_in(placement), []
+    def in_rig(self, placement: Placement) -> list[MountedLidar]:
+        """Return the LiDARs of a rig as they are cast. Raises ValueError as `seen_by` does."""
+        housings, rig = housings_in(placement), []
         for number, mount in enumerate(placement.mounts):
             lidar = placement.lidars[number].thinned(self.azimuth_share)
             others = in_view(mount, lidar, without(housings, number))[:, 1:]
             # In one order: whoever of them is dead, they hide the same.
-            own.append(InRig(mount, lidar, tuple(sorted(map(tuple, others.tolist())))))
-        return own
+            rig.append(MountedLidar(mount, lidar, tuple(sorted(map(tuple, others.tolist())))))
+        return rig
 
-    def cells_of(self, lidars: Sequence[InRig]) -> list[SurfaceCells]:
-        """What each LiDAR hits; cast in numba's threads."""
-        away = max((math.hypot(own.mount.x, own.mount.y) for own in lidars), default=0.0)
+    def cells_of(self, lidars: Sequence[MountedLidar]) -> list[SurfaceCells]:
+        """Return the cells that each LiDAR hits; cast in numba's threads."""
+        away = max((math.hypot(lidar.mount.x, lidar.mount.y) for lidar in lidars), default=0.0)
         frames = self.frames if away <= self._reach else self._frames(away)
 
-        def cells(own: InRig) -> SurfaceCells:
-            ends = ends_of(own.mount, own.lidar, own.housings, self.vehicle)
-            loss = self._loss(own.lidar)
-            return surface_cells(own.mount, own.lidar, frames, self._crop, self.cell, ends, loss)
+        def cells(lidar: MountedLidar) -> SurfaceCells:
+            ends = ends_of(lidar.mount, lidar.lidar, lidar.housings, self.vehicle)
+            loss = self._loss(lidar.lidar)
+            return surface_cells(
+                lidar.mount, lidar.lidar, frames, self._crop, self.cell, ends, loss
+            )
 
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
             return list(threads.map(cells, lidars))
 
     def _loss(self, lidar: Lidar) -> Loss:
-        """What a LiDAR loses of the returns of the objects."""
+        """Return the loss of a LiDAR on the returns of the objects."""
         if lidar.correction is None and lidar.drop_off == 0:
             return NO_LOSS
         factors = (lidar.correction or Correction()).factors_of(self.table["class"])
@@ -179,13 +183,14 @@ class CountedObjects:
 
     @property
     def _reach(self) -> float:
-        """How far the ROI reaches from the vehicle, metres."""
+        """Distance from the vehicle to the farthest corner of the ROI, metres."""
         corner = np.maximum(np.abs(self._crop[:3]), np.abs(self._crop[3:]))
         return float(np.hypot(*corner[:2]))
 
     def _frames(self, reach: float) -> ObjectFrames:
-        """With all buildings that stand no farther off than `reach`, and so can stand before the
-        ROI."""
+        """Return the frames with all buildings that can stand before the ROI.
+
+        Those are no farther off than `reach`."""
         geometry = self.geometry
         numbers, first = np.unique(self.table["frame"], return_index=True)
         row_of = pd.Series(np.arange(len(self.table)), self.table.index)
@@ -198,19 +203,19 @@ class CountedObjects:
             owners.append(np.where(owner < 0, BUILDING, rows.to_numpy()[np.maximum(owner, 0)]))
         edges = np.append(first, len(geometry)).astype(np.int64)
         world = [self._surroundings.world(number) for number in numbers.tolist()]
-        turns = [np.eye(3) if own is None else own.turn for own in world]
-        shifts = [np.zeros(3) if own is None else own.shift for own in world]
+        turns = [np.eye(3) if frame is None else frame.turn for frame in world]
+        shifts = [np.zeros(3) if frame is None else frame.shift for frame in world]
         return ObjectFrames(
-            parts=np.concatenate([np.empty((0, 10)), *(own.geometry for own in parts)]),
+            parts=np.concatenate([np.empty((0, 10)), *(frame.geometry for frame in parts)]),
             owner=np.concatenate([np.empty(0, np.int32), *owners]).astype(np.int32),
-            reflectivity=np.concatenate([np.empty(0), *(own.reflectivity for own in parts)]),
+            reflectivity=np.concatenate([np.empty(0), *(frame.reflectivity for frame in parts)]),
             first_part=np.cumsum([0, *map(len, parts)], dtype=np.int64),
             first_object=edges,
             near=_around(geometry, edges, self._crop),
             geometry=geometry,
             slices=slices_of(geometry, self.cell),
             worlds=self._surroundings.worlds,
-            scene=np.array([-1 if own is None else own.scene for own in world], np.int64),
+            scene=np.array([-1 if frame is None else frame.scene for frame in world], np.int64),
             turn=np.array(turns).reshape(-1, 3, 3),
             shift=np.array(shifts).reshape(-1, 3),
         )
@@ -219,7 +224,7 @@ class CountedObjects:
 def _around(
     geometry: NDArray[np.float64], edges: NDArray[np.int64], crop: Crop
 ) -> NDArray[np.float64]:
-    """What holds all objects of every frame, and no more of them than `crop`, (frames, 6)."""
+    """Return boxes that hold all objects of every frame, cut to `crop`, (frames, 6)."""
     half = 0.5 * geometry[:, 3:6]
     c, s = np.abs(np.cos(geometry[:, 6])), np.abs(np.sin(geometry[:, 6]))
     reach = np.stack(

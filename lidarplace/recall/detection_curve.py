@@ -1,4 +1,4 @@
-"""How probably a detector finds an object, by how many cells of its surface are hit.
+"""Probability that a detector finds an object, by the cells of its surface that are hit.
 
 `p = most * (1 - exp(-rate * cells))`: every cell gives the detector a chance of its own, as every
 ray does in `expected_ig`, and a share `1 - most` of the objects is lost whatever is seen of them.
@@ -38,7 +38,7 @@ class DetectionCurve(BaseModel):
     rate: float = Field(gt=0, description="chance that a further cell adds, in nats")
 
     def probability(self, cells: ArrayLike) -> NDArray[np.float64]:
-        """Probability of detection by distinct cells hit, any shape."""
+        """Return the probability of detection by distinct cells hit, any shape."""
         return self.most * -np.expm1(-self.rate * np.asarray(cells, np.float64))
 
 
@@ -53,40 +53,37 @@ class DetectionCurves(BaseModel):
 
     @model_validator(mode="after")
     def _each_once(self) -> Self:
-        known = [(curve.object_class, curve.iou) for curve in self.curves]
-        twice = {key for key in known if known.count(key) > 1}
+        keys = [(curve.object_class, curve.iou) for curve in self.curves]
+        twice = {key for key in keys if keys.count(key) > 1}
         if twice:
             raise InputError("duplicate curve", key="curves", found=sorted(twice)[0])
         return self
 
     def has(self, object_class: str, iou: float) -> bool:
-        """Whether there is a curve of a class at an overlap."""
-        return any((own.object_class, own.iou) == (object_class, iou) for own in self.curves)
+        """Return whether there is a curve of a class at an overlap."""
+        return any((curve.object_class, curve.iou) == (object_class, iou) for curve in self.curves)
 
     def lent(self, of: str, to: str, iou: float) -> Self:
-        """With the curve of a class at an overlap for another class, too; ValueError as `of`."""
+        """Return curves with that of a class for another class, too; ValueError as `of`."""
         curve = self.of(of, iou).model_copy(update={"object_class": to})
         return self.model_copy(update={"curves": (*self.curves, curve)})
 
     def of(self, object_class: str, iou: float) -> DetectionCurve:
-        """The curve of a class at an overlap. Raises ValueError if there is none."""
+        """Return the curve of a class at an overlap. Raises ValueError if there is none."""
         for curve in self.curves:
             if curve.object_class == object_class and curve.iou == iou:
                 return curve
-        known = ", ".join(f"{curve.object_class} at {curve.iou:g}" for curve in self.curves)
-        asked, fix = f"{object_class} at {iou:g}", "lidarplace calibrate makes others"
-        raise InputError("no detection curve", expected=known, found=asked, fix=fix)
+        available = ", ".join(f"{curve.object_class} at {curve.iou:g}" for curve in self.curves)
+        curve_name, fix = f"{object_class} at {iou:g}", "lidarplace calibrate makes others"
+        raise InputError("no detection curve", expected=available, found=curve_name, fix=fix)
 
 
 def fit(object_class: str, iou: float, cells: ArrayLike, found: ArrayLike) -> DetectionCurve:
-    """The curve under which what became of objects is most probable.
+    """Fit the most probable curve to which objects of a class were found at an overlap.
 
-    Args:
-        object_class, iou: its subject.
-        cells: distinct cells hit of each object under each rig, shape (n,), n > 0.
-        found: whether it was found, or the share of several detectors that did, in [0, 1], shape
-            (n,). Shares count as so many yes and no. Where nothing was found, or all, `most` is
-            within 1e-5 of 0 or 1.
+    `cells` are distinct cells hit of each object under each rig, shape (n,), n > 0; `found` whether
+    it was found, or the share of several detectors that did, in [0, 1], shape (n,). Shares count as
+    so many yes and no. Where nothing was found, or all, `most` is within 1e-5 of 0 or 1.
     """
     from scipy.optimize import minimize
 
@@ -95,7 +92,7 @@ def fit(object_class: str, iou: float, cells: ArrayLike, found: ArrayLike) -> De
         raise ValueError(f"no {object_class} was observed, so it has no detection curve")
 
     def cost(logs: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """Negative mean log likelihood by logit of `most` and logarithm of `rate`; its gradient."""
+        """Return negative mean log likelihood and gradient, by logit and log of the curve."""
         most, rate = 1 / (1 + np.exp(-logs[0])), np.exp(logs[1])
         missed = np.exp(-rate * seen)
         p = np.clip(most * (1 - missed), 1e-9, 1 - 1e-9)
@@ -131,6 +128,6 @@ def write_curves(path: Path, command: str, curves: Sequence[DetectionCurve]) -> 
 
 
 def default_curves() -> DetectionCurves:
-    """The curves that come with the package; their `command` says where from."""
+    """Return the curves that come with the package; their `command` says where from."""
     text = files(__package__).joinpath("default_curves.json").read_text(encoding="utf-8")
     return DetectionCurves.model_validate_json(text)

@@ -55,40 +55,41 @@ class ExpectedRecall:
     ) -> ExpectedRecall:
         """Find the objects that count and their curves; casts no ray yet.
 
-        Args:
-            log, roi, classes, frames, azimuth_share, seed, vehicle: as of
-                `CountedObjects.from_log`. Some of the frames will do, as an object in neighbouring
-                ones carries little information.
-            curves: detection curves; those of the package by default.
-            iou: overlap that a detection must exceed; there is a curve for it and each class.
+        `curves` are detection curves, those of the package by default; `iou` is the overlap that a
+        detection must exceed: there is a curve for it and each class. The other arguments are those
+        of `CountedObjects.from_log`. Some of the frames will do, as an object in neighbouring ones
+        carries little information.
         """
         curves = default_curves() if curves is None else curves
         of_class = {name: curves.of(name, iou) for name in classes}
-        what = log, roi, classes, curves.cell
+        subject = log, roi, classes, curves.cell
         objects = CountedObjects.from_log(
-            *what, frames=frames, azimuth_share=azimuth_share, seed=seed, vehicle=vehicle
+            *subject, frames=frames, azimuth_share=azimuth_share, seed=seed, vehicle=vehicle
         )
-        own = [of_class[name] for name in objects.table["class"]]
-        most, rate = (np.array([getattr(c, n) for c in own], float) for n in ("most", "rate"))
+        curve_of_object = [of_class[name] for name in objects.table["class"]]
+        most, rate = (
+            np.array([getattr(c, n) for c in curve_of_object], float) for n in ("most", "rate")
+        )
         return cls(objects, tuple(classes), most, rate)
 
     def of(self, placement: Placement) -> pd.DataFrame:
-        """`recall` of one placement, from its rays; ValueError if a LiDAR is under the ground, or
-        as `CountedObjects.seen_by`."""
+        """Return `recall` of one placement, from its rays.
+
+        Raises ValueError if a LiDAR is under the ground, or as `CountedObjects.seen_by`."""
         for number, mount in enumerate(placement.mounts, start=1):
             LIDAR_HEIGHT.check("z", mount.z, place=f"{placement.name!r}: LiDAR {number}")
         return self.recall(self.objects.seen_by([placement])[0])
 
     def probabilities(self, seen: SurfaceCells) -> NDArray[np.float64]:
-        """Probability that each object is found, shape (objects,)."""
+        """Return the probability that each object is found, shape (objects,)."""
         return self.found(seen.counts())
 
     def found(self, cells: NDArray[np.int64] | NDArray[np.float64]) -> NDArray[np.float64]:
-        """Probability that each object is found, by its distinct cells; both shape (objects,)."""
+        """Return the probability that each object is found by its distinct cells, (objects,)."""
         return self.most * -np.expm1(-self.rate * cells)
 
     def recall(self, seen: SurfaceCells) -> pd.DataFrame:
-        """The surrogate of what is seen, a row a class: columns `COLUMNS`, index `class`.
+        """Return the surrogate, a row a class: columns `COLUMNS`, index `class`.
 
         `standard_error` is that of the objects that happened to be there, with individuals (scene
         and `object_id`) as clusters. It is alike for all rigs; their differences err less. NaN: of
@@ -97,12 +98,12 @@ class ExpectedRecall:
             p=self.probabilities(seen)
         )
         rows = {name: _estimate(table[table["class"] == name]) for name in self.classes}
-        found = pd.DataFrame.from_dict(rows, orient="index", columns=list(COLUMNS))
-        return found.rename_axis("class")
+        recalls = pd.DataFrame.from_dict(rows, orient="index", columns=list(COLUMNS))
+        return recalls.rename_axis("class")
 
 
 def _estimate(table: pd.DataFrame) -> tuple[float, float, int, int]:
-    """The mean of `p`, its standard error with individuals as clusters, and its subject."""
+    """Return the mean of `p`, its error with individuals as clusters, and both numbers."""
     number = len(table)
     if not number:
         return np.nan, np.nan, 0, 0

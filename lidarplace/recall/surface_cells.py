@@ -45,8 +45,9 @@ MOST_CELLS = 2**24
 
 @dataclass(frozen=True, eq=False)
 class SurfaceCells:
-    """What is hit of every object, by rows: the cells of object b are `cells[offsets[b]:offsets[b +
-    1]]`.
+    """Cells that are hit of every object, by rows.
+
+    Object b has `cells[offsets[b]:offsets[b + 1]]`.
 
     Attributes:
         offsets: int64, shape (objects + 1,).
@@ -59,23 +60,25 @@ class SurfaceCells:
     points: NDArray[np.int64]
 
     def counts(self) -> NDArray[np.int64]:
-        """Distinct cells of every object, shape (objects,)."""
+        """Return the number of distinct cells of every object, shape (objects,)."""
         return np.diff(self.offsets)
 
     def and_(self, other: SurfaceCells) -> SurfaceCells:
-        """What either of them hits; points add up. Both are of the same objects."""
+        """Return the cells that either of them hits; points add up.
+
+        Both are of the same objects."""
         offsets, cells = _union(self.offsets, self.cells, other.offsets, other.cells)
         return SurfaceCells(offsets, cells, self.points + other.points)
 
     @classmethod
     def none(cls, objects: int) -> SurfaceCells:
-        """Nothing is hit of any of so many objects."""
+        """Return cells of which none is hit, of so many objects."""
         zeros = np.zeros(objects + 1, np.int64)
         return cls(zeros, np.empty(0, np.uint32), zeros[1:].copy())
 
 
 class ObjectFrames(NamedTuple):
-    """Objects that count and what stands around them, frame by frame, as compiled code takes them.
+    """Objects that count and their surroundings, frame by frame, as compiled code takes them.
 
     Attributes:
         parts: of each frame, the vehicle's own body among them, shape (P, 10), float64.
@@ -125,10 +128,11 @@ NO_LOSS = Loss(0.0, np.empty(0), np.empty((0, 3), np.uint64))
 
 
 def slices_of(geometry: NDArray[np.float64], cell: float) -> NDArray[np.int64]:
-    """Cells of edge `cell`, metres, along length, width and height, int64, shape (objects, 3). Cell
-    (i, j, k) has the number `(i * slices[1] + j) * slices[2] + k`; (0, 0, 0) is at the rear, on the
-    right, at the bottom. The last one of an axis may stand over the box. Raises ValueError if a box
-    has more than `MOST_CELLS`."""
+    """Return the cells of edge `cell`, metres, along length, width and height, int64, (objects, 3).
+
+    Cell (i, j, k) has the number `(i * slices[1] + j) * slices[2] + k`; (0, 0, 0) is at the rear,
+    on the right, at the bottom. The last one of an axis may stand over the box. Raises ValueError
+    if a box has more than `MOST_CELLS`."""
     slices = np.maximum(np.ceil(geometry[:, 3:6] / cell - 1e-9), 1.0)
     most = slices.prod(axis=1).max(initial=1.0)
     if most > MOST_CELLS:
@@ -146,8 +150,10 @@ def surface_cells(
     ends: NDArray[np.float64] = NO_ENDS,
     loss: Loss = NO_LOSS,
 ) -> SurfaceCells:
-    """The objects of all `frames` from which one LiDAR gets light within `crop`, see `cast`, in
-    cells of edge `cell`, metres; `loss`: what it loses at random."""
+    """Return the cells of the objects of all `frames` from which one LiDAR gets light.
+
+    Cells have the edge `cell`, metres; returns are within `crop`, see `cast`; `loss`: returns that
+    are lost at random."""
     region = _Region(np.array(crop, np.float64), cell)
     blocks = [
         SurfaceCells(
@@ -265,7 +271,7 @@ def _slice(position, size, cell, number):
 
 @njit(cache=True, nogil=True)
 def _union(offsets, cells, other_offsets, other_cells):
-    """Merge sorted rows."""
+    """Merge sorted rows of cells."""
     both = np.zeros(len(offsets), np.int64)
     merged = np.empty(len(cells) + len(other_cells), np.uint32)
     size = 0

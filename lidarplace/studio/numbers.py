@@ -15,7 +15,7 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.evaluate import evaluate_classes
-from lidarplace.recall.counted_objects import CountedObjects, InRig
+from lidarplace.recall.counted_objects import CountedObjects, MountedLidar
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.recall.surface_cells import SurfaceCells
 from lidarplace.rigs.placement import Placement
@@ -29,7 +29,7 @@ class SeenCells:
 
     def __init__(self, objects: CountedObjects) -> None:
         self.objects = objects
-        self._kept: LRUCache[InRig, SurfaceCells] = LRUCache(MOUNTS)
+        self._kept: LRUCache[MountedLidar, SurfaceCells] = LRUCache(MOUNTS)
         self._keeping = threading.Lock()
 
     def of(self, placement: Placement | None) -> SurfaceCells:

@@ -13,7 +13,7 @@ from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.recall.detection_curve import default_curves
 from lidarplace.rigs.placement import Mount
 from lidarplace.validation.fit import Thinning
-from lidarplace.validation.simulation import Recording, sectors_of
+from lidarplace.validation.simulation import SimulatedRig, sectors_of
 
 FATES = ("in the box", "hidden", "passed beyond", "lost")
 """Fate of a real ray where a simulated one meets an object: it met the object, too; something
@@ -55,14 +55,14 @@ class CellHits(NamedTuple):
 
 
 def compare_cloud(
-    cloud: Cloud, recording: Recording, thinning: Thinning, classes: NDArray[np.str_]
+    cloud: Cloud, simulated: SimulatedRig, thinning: Thinning, classes: NDArray[np.str_]
 ) -> CellHits:
     """Compare a real cloud with its simulation, which `thinning` corrects.
 
     `classes` are of the log's boxes."""
-    rows, placement = recording.surroundings.rows(cloud.frame), recording.placement
-    boxes = recording.log.boxes[list(GEOMETRY)].to_numpy(np.float64)[rows]
-    rays_of = recording.object_rays(cloud.frame)
+    rows, placement = simulated.surroundings.rows(cloud.frame), simulated.placement
+    boxes = simulated.log.boxes[list(GEOMETRY)].to_numpy(np.float64)[rows]
+    rays_of = simulated.object_rays(cloud.frame)
     factor, distance = thinning.fit.factors(classes)[rows], thinning.fit.distance or math.inf
     random, cell = np.random.default_rng(cloud.frame), default_curves().cell
     hits = CellHits(rows, [], [], [], np.zeros((len(rows), len(FATES)), np.int64))

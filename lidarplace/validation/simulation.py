@@ -54,7 +54,7 @@ class ObjectRays(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class SimulatedRig:
     """A rig in the frames of a log that it recorded.
 
     `surroundings` raise ValueError: a box is bad, or a scene with a static world has a frame
@@ -82,7 +82,7 @@ class Recording:
         return [rays_on_objects(m, li.in_frame(frame), parts, world, e) for m, li, e in views]
 
 
-def simulate(recording: Recording, frames: Sequence[int]) -> Returns:
+def simulate(recording: SimulatedRig, frames: Sequence[int]) -> Returns:
     """Cast every LiDAR in these frames, which are shared among numba's threads."""
     surroundings, lidars = recording.surroundings, recording.placement.lidars
     fixed = {lidar: sectors_of(lidar.directions()) for lidar in lidars if lidar.pattern is None}

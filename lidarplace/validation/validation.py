@@ -23,7 +23,7 @@ from lidarplace.validation.cloud_frames import FATES, CellHits, compare_cloud, r
 from lidarplace.validation.comparison import BELOW_M, comparison, floor
 from lidarplace.validation.fit import FEWEST_TRACKS, LOSSLESS, Fit, FitData, Thinning
 from lidarplace.validation.shadow import returned, shadows
-from lidarplace.validation.simulation import SECTORS, Recording, Returns, simulate
+from lidarplace.validation.simulation import SECTORS, Returns, SimulatedRig, simulate
 from lidarplace.validation.subsets import agreement, cells_by_subset, points_by_subset
 
 MOST_CLOUDS = 60  # frames with clouds that are looked at, spread evenly; shadows need no more
@@ -78,7 +78,7 @@ def validate(
     rig, log = _checked(_left_out(log, without, folder), folder)
     names, objects = rig.names, _objects(log)
     classes, frames = log.boxes["class"].to_numpy(str), log.frames["frame"].tolist()
-    as_shipped = Recording(log, rig.placement, 0, vehicle)
+    as_shipped = SimulatedRig(log, rig.placement, 0, vehicle)
     recording = replace(as_shipped, placement=_geometry(rig, correction))
     shipped = simulate(as_shipped, frames)
     returns = shipped if recording.placement == rig.placement else simulate(recording, frames)
@@ -299,7 +299,7 @@ def _masks(file: CorrectionFile, names: Sequence[str]) -> NDArray[np.float64]:
     azimuth = (np.arange(SECTORS) + 0.5) / SECTORS * 2 * math.pi - math.pi
     masks = [file.lidars[n].mask if n in file.lidars else None for n in names]
     level = np.zeros(SECTORS)
-    return np.array([np.ones(SECTORS) if m is None else m.mask.at(azimuth, level) for m in masks])
+    return np.array([np.ones(SECTORS) if m is None else m.mask().at(azimuth, level) for m in masks])
 
 
 def _geometry(rig: RecordedRig, file: CorrectionFile | None) -> Placement:

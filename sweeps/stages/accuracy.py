@@ -7,14 +7,15 @@ import pandas as pd
 
 from lidarplace import Placement, Roi
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.pog.surrogates.error_against_time import accuracy
+from lidarplace.pog.surrogates.error_against_time import Variation, accuracy
+from lidarplace.pog.surrogates.inputs import Sensing
 from lidarplace.pog.surrogates.table import SURROGATES
 from sweeps.stages.stage import OCCLUSION_BYTES, VoxelStage, training_log
 
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """Columns of `lidarplace.pog.surrogates.error_against_time.accuracy`, less placement."""
+    """Columns of `lidarplace.pog.surrogates.error_against_time.accuracy`."""
 
     table: pd.DataFrame
 
@@ -47,18 +48,13 @@ class AccuracyStage(VoxelStage[Accuracy]):
         return 15 + OCCLUSION_BYTES * self.occlusion
 
     def run(self, *logs: BoxLog) -> Accuracy:
-        log = training_log(logs)
         table = accuracy(
-            log.boxes,
-            log.frames,
+            training_log(logs),
             self.roi,
-            [self.object_class],
-            [self.placement],
-            resolutions=self.resolutions,
-            azimuth_steps=self.azimuth_steps,
-            frame_shares=self.frame_shares,
-            detection_probability=self.detection_probability,
-            occlusion=self.occlusion,
-            surrogates=self.names,
+            self.object_class,
+            self.placement,
+            Variation(self.resolutions, self.azimuth_steps, self.frame_shares),
+            Sensing(detection_probability=self.detection_probability, occlusion=self.occlusion),
+            self.names,
         )
-        return Accuracy(table.drop(columns="placement"))
+        return Accuracy(table)

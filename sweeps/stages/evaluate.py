@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.metrics import METRICS, Overlaps
-from lidarplace.clouds.clouds import Frames, JoinedClouds
+from lidarplace.clouds.clouds import CloudFrames, JoinedClouds
 from lidarplace.logs.box_log import BoxLog
 from sweeps.stages.collect import CollectedClouds, CollectStage, clouds_and_objects
 from sweeps.stages.ground_truth import GroundTruth
@@ -128,7 +128,7 @@ class MeasureStage(Stage[EvaluationResult]):
         return evaluate_detections(objects, detected.detections, routes, *settings)
 
 
-def _detect(stage: Network[R], weights: TrainedDetector, clouds: Frames) -> Detections:
+def _detect(stage: Network[R], weights: TrainedDetector, clouds: CloudFrames) -> Detections:
     from training.detect import detect
 
     network = (stage.detector, weights.classes, weights.state_dict)

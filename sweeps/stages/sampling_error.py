@@ -8,6 +8,7 @@ import pandas as pd
 from lidarplace import Placement, Roi
 from lidarplace.coverage import Method
 from lidarplace.logs.box_log import BoxLog
+from lidarplace.pog.surrogates.inputs import Sensing
 from lidarplace.pog.surrogates.sampling_error import SamplingError, pog_sampling_error
 from lidarplace.pog.surrogates.table import SURROGATES
 from sweeps.stages.stage import OCCLUSION_BYTES, VoxelStage, training_log
@@ -42,14 +43,12 @@ class SamplingErrorStage(VoxelStage[SamplingError]):
         log = training_log(logs)
         if len(log.frames) < 2:
             return SamplingError(pd.DataFrame(), pd.DataFrame())
+        q, occlusion = self.detection_probability, self.occlusion
         return pog_sampling_error(
-            log.boxes,
-            log.frames,
+            log,
             self.roi,
             self.classes,
             self.placement,
-            self.method,
-            detection_probability=self.detection_probability,
-            occlusion=self.occlusion,
-            surrogates=self.names,
+            self.names,
+            Sensing(self.method, q, occlusion),
         )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lidarplace.coverage.rays import VoxelGrid, clip_rays, walk_rays
+from lidarplace.coverage.rays import VoxelGrid, VoxelLists, clip_rays, walk_rays
 
 
 def voxels_of_rays(method, origin, directions, reach, grid):
@@ -17,5 +17,6 @@ def voxels_of_rays(method, origin, directions, reach, grid):
     voxels = np.empty(len(directions) * sum(shape), np.uint32)
     offsets = np.zeros(len(directions) + 1, np.int64)
     bresenham = method == "bresenham"
-    walk_rays(bresenham, origin, directions, spans, reach, voxel_grid, voxels, offsets)
+    lists = VoxelLists(voxels, offsets)
+    walk_rays(bresenham, origin, directions, spans, reach, voxel_grid, lists)
     return voxels[: offsets[-1]], offsets

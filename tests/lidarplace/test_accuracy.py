@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
-from lidarplace.pog.surrogates.error_against_time import accuracy, scale
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.pog.surrogates.error_against_time import Variation, accuracy, scale
 
 ROI = Roi((0, 8), (-4, 4), (0, 2), 0.4)
 LIDAR = Lidar(tuple(np.radians(np.linspace(-25, 5, 8))), azimuth_steps=720)
@@ -26,7 +27,7 @@ def boxes():
 @pytest.fixture(scope="module")
 def table():
     varied = {"resolutions": (0.2,), "azimuth_steps": (90, 1440), "frame_shares": (0.5,)}
-    return accuracy(boxes(), FRAMES, ROI, ["Car"], [PLACEMENT], **varied)
+    return accuracy(BoxLog(boxes(), FRAMES), ROI, "Car", PLACEMENT, Variation(**varied))
 
 
 def test_each_way_is_there_once(table):

@@ -85,8 +85,8 @@ def test_own_body_is_left_out_and_the_crop_kept(collected):
     out, *_ = collected
     half = np.array(MODELS[SCENE.ego][:3])
     for _, points, _ in clouds_of(out, "tilted"):
-        own = (np.abs(points[:, :3] - [0, 0, half[2]]) <= half + 0.05).all(axis=1)
-        assert not own.any()
+        in_body = (np.abs(points[:, :3] - [0, 0, half[2]]) <= half + 0.05).all(axis=1)
+        assert not in_body.any()
         low, high = np.array(SCENE.crop[:3]), np.array(SCENE.crop[3:])
         assert ((points[:, :3] >= low - 0.001) & (points[:, :3] <= high + 0.001)).all()
 
@@ -125,7 +125,7 @@ def test_world_is_left_as_it_was_found(collected):
         assert world.hidden == {7}
     manager = server.traffic_manager
     assert manager.set_synchronous_mode.call_args == call(False)
-    assert len({own.args for own in manager.set_random_device_seed.call_args_list}) == 2
+    assert len({seed_call.args for seed_call in manager.set_random_device_seed.call_args_list}) == 2
     assert server.most_sensors == len(TILTED.mounts)  # one placement at a time
 
 
@@ -135,9 +135,9 @@ def test_nothing_is_done_twice_and_placements_can_be_added(tmp_path):
     for gone in ((), ("boxes", "frames", "buildings")):  # they are made from the routes
         for name in gone:
             (tmp_path / f"{name}.parquet").unlink()
-        again, found = run(tmp_path, placements=[CENTER])
+        again, repeated = run(tmp_path, placements=[CENTER])
         assert again.ticks == 0
-        pd.testing.assert_frame_equal(found.boxes, log.boxes)
+        pd.testing.assert_frame_equal(repeated.boxes, log.boxes)
     assert (tmp_path / "frames.parquet").exists()
     more, _ = run(tmp_path, placements=[TILTED])
     assert [world.town for world in more.worlds] == ["Town01"] * 2
@@ -197,21 +197,21 @@ def test_a_server_that_goes_wrong_is_an_error(tmp_path, wrong, changes, error, m
 
 def test_who_vanishes_is_in_no_later_frame_or_cloud(tmp_path):
     # 1 step for the walkers' controllers, 4 of warm-up, and 4 a frame: gone before frame 1.
-    told = []
-    _, log = run(tmp_path, Server(vanish=(10, 3)), placements=[CENTER], report=told.append)
+    lines = []
+    _, log = run(tmp_path, Server(vanish=(10, 3)), placements=[CENTER], report=lines.append)
     boxes = log.boxes[log.boxes["object_id"] == "0-2"]
     assert boxes["frame"].tolist() == [0]
     poses = Traffic.read(tmp_path / "routes/route-000").poses
     assert poses.groupby("frame").size().tolist() == [12, 11, 11]
-    assert any(line == "route-000 Town01: 3 clouds of center" for line in told)
+    assert any(line == "route-000 Town01: 3 clouds of center" for line in lines)
 
 
 def test_models_without_a_box_are_left_out_and_named(tmp_path):
-    told = []
+    lines = []
     models = MODELS | {"vehicle.bh.crossbike": (0.75, 0.0, 0.8, 0.0)}
     scene = SCENE.model_copy(update={"density": 16})
-    run(tmp_path, Server(models=models), scene, placements=[], report=told.append)
-    assert any("left out: vehicle.bh.crossbike" in line for line in told)
+    run(tmp_path, Server(models=models), scene, placements=[], report=lines.append)
+    assert any("left out: vehicle.bh.crossbike" in line for line in lines)
     actors = Traffic.read(tmp_path / "routes/route-000").actors
     assert len(actors) == 16 + SCENE.pedestrians
     assert "vehicle.bh.crossbike" not in set(actors["blueprint"])
@@ -227,7 +227,7 @@ def test_frames_are_left_out_until_the_ego_has_moved(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "told", "expected"),
+    ("key", "value", "error", "expected"),
     [
         ("density", 25, ("Town01", "density", "25"), "at most 24"),
         ("towns", ("Town06",), ("CARLA server", "map", "Town06"), "Town01, Town03"),
@@ -235,9 +235,9 @@ def test_frames_are_left_out_until_the_ego_has_moved(tmp_path):
         ("routes", 25, ("Town01", "", "24"), "25 starts"),
     ],
 )
-def test_what_the_town_lacks(tmp_path, key, value, told, expected):
+def test_what_the_town_lacks(tmp_path, key, value, error, expected):
     server = Server()
-    with refused(told, expected):
+    with refused(error, expected):
         run(tmp_path, server, SCENE.model_copy(update={key: value}), placements=[])
     assert all(not world.actors for world in server.worlds)
 
@@ -245,7 +245,7 @@ def test_what_the_town_lacks(tmp_path, key, value, told, expected):
 def test_models_that_lidars_look_through_are_named():
     row = {"y": 0.0, "z": 0.75, "length": 4.0, "width": 2.0, "height": 1.5, "yaw": 0.1}
     at = [{"frame": frame, "x": x} for frame in range(20) for x in (6.0, 12.0, 30.0)]
-    boxes = pd.DataFrame([own | row for own in at])
+    boxes = pd.DataFrame([place | row for place in at])
     models = pd.Series(["solid", "glass", "far"] * 20)
     # A return from the solid one, in one frame; all others are of the road.
     clouds = [

@@ -26,7 +26,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.requirements.rays_on_objects import at_class, count_cells, count_points, sights_of
 from lidarplace.rig_files.carla import write_carla
-from lidarplace.rig_files.own import read_own
+from lidarplace.rig_files.mounts_yaml import read_mounts_yaml
 from lidarplace.rigs.correction import Correction, Mask
 from lidarplace.rigs.pose import rotation
 from lidarplace.rigs.scan_pattern import ScanPattern
@@ -72,18 +72,18 @@ def corrected(correction, **other) -> Lidar:
 
 def share(lidar, name, direction, distance) -> float:
     """Probability of a return, in plain Python."""
-    correction, known = lidar.correction, dict(lidar.correction.factor)
-    found = 1.0
+    correction, factors = lidar.correction, dict(lidar.correction.factor)
+    chance = 1.0
     if name is not None:
-        found = known.get(name, known.get("other", 1.0))
-        found *= math.exp(-distance / (correction.distance or math.inf))
+        chance = factors.get(name, factors.get("other", 1.0))
+        chance *= math.exp(-distance / (correction.distance or math.inf))
     if correction.mask is not None:
         x, y, z = direction
         rows = correction.mask.shares
         row = sum(math.asin(z) >= edge for edge in correction.mask.edges)
         turn = (math.degrees(math.atan2(y, x)) + 180 + 1e-7) % 360
-        found *= rows[row][int(turn * len(rows[row]) / 360)]
-    return min(found, 1.0) * (1 - lidar.drop_off)
+        chance *= rows[row][int(turn * len(rows[row]) / 360)]
+    return min(chance, 1.0) * (1 - lidar.drop_off)
 
 
 def returned(lidar, hits, classes, ground, key):
@@ -108,20 +108,20 @@ def test_rays_return_as_often_as_the_law_says(drop_off):
     seen = np.flatnonzero(hits.target >= SIGN)
     names = [classes[t] if t >= 0 else None for t in hits.target[seen]]
     each = zip(names, lidar.directions()[seen], hits.range[seen], strict=True)
-    chance = np.array([share(lidar, *own) for own in each])
+    chance = np.array([share(lidar, *ray) for ray in each])
     draws, ground = 15, Ground(np.ones((1024, 1024), np.float32), (0.0, 0.0, 0.0))
     for name in (None, "Car", "Cyclist", "Pedestrian"):
-        own = np.array([other == name for other in names])
-        assert own.sum() > 50
-        targets = np.where(np.isin(np.arange(lidar.rays), seen[own]), hits.target, -5)
-        only, p = hits._replace(target=targets), chance[own]
+        of_class = np.array([other == name for other in names])
+        assert of_class.sum() > 50
+        targets = np.where(np.isin(np.arange(lidar.rays), seen[of_class]), hits.target, -5)
+        only, p = hits._replace(target=targets), chance[of_class]
         each = (returned(lidar, only, classes, ground, (7, draw, 0)) for draw in range(draws))
-        found = sum(map(len, each))
-        assert abs(found - draws * p.sum()) < 5 * math.sqrt(draws * (p * (1 - p)).sum())
+        returns = sum(map(len, each))
+        assert abs(returns - draws * p.sum()) < 5 * math.sqrt(draws * (p * (1 - p)).sum())
 
 
 def test_what_a_correction_leaves_is_part_of_what_returns_without():
-    whole, fewer = ([*map(bytes, sampled(own)[2])] for own in (LIDAR, corrected(LOSSY)))
+    whole, fewer = ([*map(bytes, sampled(lidar)[2])] for lidar in (LIDAR, corrected(LOSSY)))
     assert 0 < len(fewer) < 0.8 * len(whole)
     assert {*fewer} <= {*whole}
 
@@ -153,35 +153,35 @@ def test_a_correction_of_ones_changes_no_bit(nothing, drop_off):
         np.testing.assert_array_equal(before, after)
 
 
-def counted(own, classes=("Car", "Cyclist", "Pedestrian"), seed=0) -> CountedObjects:
+def counted(box_log, classes=("Car", "Cyclist", "Pedestrian"), seed=0) -> CountedObjects:
     roi = Roi((0, 60), (-30, 30), (0, 9), resolution=0.5)
-    return CountedObjects.from_log(own, roi, classes, 0.2, seed=seed)
+    return CountedObjects.from_log(box_log, roi, classes, 0.2, seed=seed)
 
 
 def test_clouds_and_expected_recall_keep_the_same_rays():
     """Of one LiDAR, without noise: as many points on every object, to the last one."""
     rows = [(frame, "Car", 15.0, 3.0 * y, 2.0, 2.0, 2.0, 0.3) for frame in (0, 4) for y in (-2, 1)]
-    own = log_of(*rows)
+    box_log = log_of(*rows)
     lidar = replace(LIDAR, correction=LOSSY, drop_off=0.1)
     rig = Placement("a", [MOUNT], lidar)
-    seen = counted(own, ["Car"], seed=3).seen_by([rig])[0]
-    clouds = collect(own, [0, 4], rig, (0, -30, 0.01, 60, 30, 9), seed=3)
+    seen = counted(box_log, ["Car"], seed=3).seen_by([rig])[0]
+    clouds = collect(box_log, [0, 4], rig, (0, -30, 0.01, 60, 30, 9), seed=3)
     assert seen.points.sum() > 50
     assert [seen.points[:2].sum(), seen.points[2:].sum()] == clouds.counts[:, 0].tolist()
 
 
 def test_requirements_expect_what_draws_have_in_the_mean():
     draws, box = 400, (12.0, 2.0, 4.4, 1.8, 1.6, 0.3)
-    own = log_of(*[(frame, "Truck", *box) for frame in range(draws)])
+    box_log = log_of(*[(frame, "Truck", *box) for frame in range(draws)])
     lidar = corrected(Correction((("Truck", 0.6), ("other", 0.1)), 40.0, MASK), drop_off=0.1)
     rig = Placement("a", [MOUNT], lidar)
-    seen = counted(own, ["Truck"]).seen_by([rig])[0]
+    seen = counted(box_log, ["Truck"]).seen_by([rig])[0]
     placed = np.array([[*box[:2], 0.8, *box[2:]]])
     sights = at_class(sights_of(rig, Vehicle.car()), rig, "Truck")
     points, cells = count_points(sights, placed), count_cells(sights, placed, 0.2)
-    for found, expected in ((seen.points, points), (seen.counts(), cells)):
-        assert len(found) == draws
-        assert abs(found.mean() - expected[0, 0]) < 5 * found.std() / math.sqrt(draws)
+    for counts, expected in ((seen.points, points), (seen.counts(), cells)):
+        assert len(counts) == draws
+        assert abs(counts.mean() - expected[0, 0]) < 5 * counts.std() / math.sqrt(draws)
 
 
 @settings(max_examples=10)
@@ -199,9 +199,9 @@ def test_expected_cells_are_those_of_single_rays(x, yaw, distance, factors):
     box = np.array([[x, 0.7, 0.8, 4.4, 1.8, 1.6, yaw]])
     turn = rotation(0, 0, -yaw)
     missed, points = [{} for _ in mounts], np.zeros(3)
-    for number, own in enumerate(hits_of(rig, NOBODY, box[0])):
+    for number, hits in enumerate(hits_of(rig, NOBODY, box[0])):
         local = turn @ (mounts[number].position - box[0, :3]) + box[0, 3:6] / 2
-        for hit in own:
+        for hit in hits:
             away = float(np.linalg.norm(np.array(hit) - local))
             p = min(factors[number] * math.exp(-away / distance), 1.0)
             points[number] += p
@@ -209,16 +209,16 @@ def test_expected_cells_are_those_of_single_rays(x, yaw, distance, factors):
             cell = tuple(np.clip(np.floor(np.array(hit) / 0.2), 0, slices).astype(int))
             missed[number][cell] = missed[number].get(cell, 1.0) * (1 - p)
     sights = at_class(sights_of(rig, NOBODY), rig, "Car")
-    found = count_points(sights, box, sets=[(0,), (1,), (2,)])
-    np.testing.assert_allclose(found[0], points, rtol=1e-9, atol=1e-12)
+    counts = count_points(sights, box, sets=[(0,), (1,), (2,)])
+    np.testing.assert_allclose(counts[0], points, rtol=1e-9, atol=1e-12)
 
     def expected(numbers) -> float:
         cells = {cell for number in numbers for cell in missed[number]}
         return sum(1 - math.prod(missed[n].get(cell, 1.0) for n in numbers) for cell in cells)
 
     sets = [(0, 1, 2), (1, 2), (0, 2), (0, 1)]
-    found = count_cells(sights, box, 0.2, sets=sets)[0].tolist()
-    assert found == pytest.approx(list(map(expected, sets)), rel=1e-6, abs=1e-9)
+    cells = count_cells(sights, box, 0.2, sets=sets)[0].tolist()
+    assert cells == pytest.approx(list(map(expected, sets)), rel=1e-6, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -247,15 +247,15 @@ def test_a_mask_is_of_all_that_is_hit_and_of_the_sensor_frame():
 def test_bins_of_a_mask_go_round(azimuth, elevation, bins, turns):
     """The same share a turn further, and that of the bin that holds the direction."""
     shares = tuple((k + 1) / bins for k in range(bins))
-    mask = Mask((shares, tuple(0.5 * own for own in shares)), (0.2,))
-    found = mask.at(np.array(azimuth), np.array(elevation))
+    mask = Mask((shares, tuple(0.5 * value for value in shares)), (0.2,))
+    at_direction = mask.at(np.array(azimuth), np.array(elevation))
     width = 2 * math.pi / bins
     place = ((azimuth + math.pi) % (2 * math.pi)) / width
     near = abs(place - round(place)) < 1e-6
     low = shares[int(place) % bins] * (0.5 if elevation >= 0.2 else 1.0)
-    assert near or found == low
+    assert near or at_direction == low
     further = mask.at(np.array(azimuth + 2 * math.pi * turns), np.array(elevation))
-    assert near or further == found
+    assert near or further == at_direction
     for end in (-math.pi, math.pi):  # one direction, in the first bin
         assert mask.at(np.array(end), np.array(0.0)) == shares[0]
 
@@ -275,9 +275,9 @@ def test_a_share_of_single_rays_is_that_of_the_law():
     rays, ranges = np.array([0, 700, 20_000]), np.array([1.0, 20.0, 50.0])
     directions = lidar.directions()[rays]
     for name in ("Car", "Tram"):
-        expected = [share(lidar, name, *own) for own in zip(directions, ranges, strict=True)]
-        found = expected_share(lidar, name, rays, ranges)
-        np.testing.assert_allclose(found, expected, rtol=1e-12)
+        expected = [share(lidar, name, *ray) for ray in zip(directions, ranges, strict=True)]
+        shares = expected_share(lidar, name, rays, ranges)
+        np.testing.assert_allclose(shares, expected, rtol=1e-12)
 
 
 def test_a_file_is_read_written_and_applied(tmp_path):
@@ -308,10 +308,10 @@ def test_settings_take_it_beside_their_file(tmp_path):
     rig = read_placement(tmp_path / "rig.yaml", LIDAR)
     assert rig.lidars[0].correction.mask.edges == (math.radians(-5),)
     assert rig.lidars[1].correction is None
-    (own, _) = read_own(tmp_path / "rig.yaml")
-    assert own.model.correction == str(tmp_path / "c.yaml")
+    (mounted, _) = read_mounts_yaml(tmp_path / "rig.yaml")
+    assert mounted.model.correction == str(tmp_path / "c.yaml")
     with refused(("lidar_0", "correction", "")):
-        write_carla(tmp_path / "objects.json", [own])
+        write_carla(tmp_path / "objects.json", [mounted])
 
 
 def test_keys_of_results_have_the_content_not_the_path(tmp_path):
@@ -325,7 +325,7 @@ def test_keys_of_results_have_the_content_not_the_path(tmp_path):
 
 
 def test_records_of_rigs_have_it_and_recorded_clouds_do_not_ask(tmp_path):
-    rig, lossy = (Placement("a", [MOUNT], own) for own in (LIDAR, corrected(LOSSY)))
+    rig, lossy = (Placement("a", [MOUNT], lidar) for lidar in (LIDAR, corrected(LOSSY)))
     assert "correction" not in rig_record(rig)["lidars"][0], "as folders from before have it"
     check_rig(tmp_path, rig)  # nothing says otherwise
     (tmp_path / "placement.json").write_text(json.dumps(rig_record(lossy), allow_nan=False))

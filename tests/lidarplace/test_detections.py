@@ -82,18 +82,18 @@ def write(layout, path, log, boxes):
         (path / "._of_macos.txt").write_bytes(b"\0")
         labels = to_labels(boxes.assign(occluded=0))
         lines = np.array(label_lines(labels), object) + [f" {s!r}" for s in boxes["score"].tolist()]
-        for frame, own in pd.Series(lines).groupby(source.to_numpy()):
-            (path / f"{frame}.txt").write_text("".join(f"{line}\n" for line in own))
+        for frame, of_frame in pd.Series(lines).groupby(source.to_numpy()):
+            (path / f"{frame}.txt").write_text("".join(f"{line}\n" for line in of_frame))
         return path
     if layout == "nuscenes":
         centre, turned = in_world(log, boxes)
         results = {token: [] for token in log.frames[SOURCE]}
         size = boxes[["width", "length", "height"]].to_numpy()
-        columns = (source, *(own.tolist() for own in (centre, size, turned)), names, boxes["score"])
+        columns = (source, *(a.tolist() for a in (centre, size, turned)), names, boxes["score"])
         keys = ("sample_token", "translation", "size", "rotation", "detection_name")
         for row in zip(*columns, strict=True):
-            own = dict(zip((*keys, "detection_score"), row, strict=True))
-            results[row[0]].append(own | {"attribute_name": ""})
+            box = dict(zip((*keys, "detection_score"), row, strict=True))
+            results[row[0]].append(box | {"attribute_name": ""})
         path = path.with_suffix(".json")
         path.write_text(json.dumps({"meta": {"use_lidar": True}, "results": results}))
         return path
@@ -131,20 +131,22 @@ def test_labels_fed_back_are_perfect_and_jittered_ones_as_kitti_ap_has_them(layo
     log = log_of(layout)
     frames = log.frames["frame"].tolist()
     path = write(layout, tmp_path / "labels", log, scored(log.boxes))
-    found = read_detections([path], log, CLASSES)
-    table = evaluate_boxes(log.boxes, found, frames, CLASSES)
-    assert len(found) == len(log.boxes)
-    assert tuple(found.columns) == COLUMNS
+    detections = read_detections([path], log, CLASSES)
+    table = evaluate_boxes(log.boxes, detections, frames, CLASSES)
+    assert len(detections) == len(log.boxes)
+    assert tuple(detections.columns) == COLUMNS
     assert (table.loc[table["metric"] != "mean_overlap", "value"] == 100).all()
     random = np.random.default_rng(3)
     moved = scored(log.boxes[random.uniform(size=len(log.boxes)) < 0.8])
     moved[[*"xy"]] += random.normal(0, 0.15, (len(moved), 2)).round(2)
-    found = read_detections([write(layout, tmp_path / "found", log, moved)], log, CLASSES)
+    detections = read_detections([write(layout, tmp_path / "found", log, moved)], log, CLASSES)
     # As KITTI's files hold it, numbers have two decimals and boxes stand upright.
-    assert found[list(GEOMETRY)].to_numpy() == pytest.approx(
+    assert detections[list(GEOMETRY)].to_numpy() == pytest.approx(
         moved[list(GEOMETRY)].to_numpy(), abs=0.011 if layout == "kitti" else 1e-3
     )
-    direct, read = (evaluate_boxes(log.boxes, own, frames, CLASSES) for own in (moved, found))
+    direct, read = (
+        evaluate_boxes(log.boxes, table_of, frames, CLASSES) for table_of in (moved, detections)
+    )
     assert 20 < direct.query("metric == 'AP_R40_3D'")["value"].mean() < 80
     of_one_iou = direct["metric"] != "mean_overlap"
     if layout != "kitti":
@@ -157,12 +159,12 @@ def test_a_table_in_the_world(tmp_path):
     level = replace(log, frames=log.frames.drop(columns=["ego_z", "ego_roll", "ego_pitch"]))
     centre, _ = in_world(level, boxes)
     turned = boxes["yaw"] + boxes["frame"].map(level.frames.set_index("frame")["ego_yaw"])
-    own = boxes.assign(**dict(zip("xyz", centre.T, strict=True)), yaw=turned)
-    source = own.pop("frame").map(log.frames.set_index("frame")[SOURCE])
-    own.assign(source=source).to_parquet(tmp_path / "found.parquet")
-    found = read_detections([tmp_path / "found.parquet"], level, CLASSES, world=True)
-    assert found[list("xyz")].to_numpy() == pytest.approx(boxes[list("xyz")].to_numpy())
-    turn = (found["yaw"] - boxes["yaw"].to_numpy()).to_numpy()
+    in_table = boxes.assign(**dict(zip("xyz", centre.T, strict=True)), yaw=turned)
+    source = in_table.pop("frame").map(log.frames.set_index("frame")[SOURCE])
+    in_table.assign(source=source).to_parquet(tmp_path / "found.parquet")
+    detections = read_detections([tmp_path / "found.parquet"], level, CLASSES, world=True)
+    assert detections[list("xyz")].to_numpy() == pytest.approx(boxes[list("xyz")].to_numpy())
+    turn = (detections["yaw"] - boxes["yaw"].to_numpy()).to_numpy()
     assert np.exp(1j * turn) == pytest.approx(1)
     without = replace(level, frames=level.frames.drop(columns=["ego_x"]))
     with refused(("row 0", "frame", "0")):
@@ -177,7 +179,8 @@ def test_calib_files_place_the_camera(tmp_path):
     for stem in log.frames[SOURCE]:
         (tmp_path / "calib" / f"{stem}.txt").write_text(calibration_text(ahead))
     usual, moved = (
-        read_detections([path], log, CLASSES, calibration=own) for own in (None, tmp_path / "calib")
+        read_detections([path], log, CLASSES, calibration=folder)
+        for folder in (None, tmp_path / "calib")
     )
     assert (moved[[*"xyz"]] - usual[[*"xyz"]]).mean().tolist() == pytest.approx([1, -1, -1])
     (tmp_path / "calib" / "000001.txt").unlink()
@@ -191,11 +194,11 @@ def test_known_names_without_class_are_counted(tmp_path):
     names = ("Car", "Van", "Tram", "DontCare", "Pedestrian")
     path.write_text("".join(f"{name} {numbers}\n" for name in names))
     ignored = Counter()
-    found = read_detections([path], log, ["Car"], ignored=ignored)
-    assert found["class"].tolist() == ["Car", "Car"]
+    detections = read_detections([path], log, ["Car"], ignored=ignored)
+    assert detections["class"].tolist() == ["Car", "Car"]
     assert ignored == {"Tram": 1, "DontCare": 1, "Pedestrian": 1}
-    own = read_detections([path], log, ["Car", "Van", "Lorry"], class_map={"Tram": "Lorry"})
-    assert own["class"].tolist() == ["Car", "Van", "Lorry"]
+    mapped = read_detections([path], log, ["Car", "Van", "Lorry"], class_map={"Tram": "Lorry"})
+    assert mapped["class"].tolist() == ["Car", "Van", "Lorry"]
 
 
 GOOD = {"frame": [3, 4], "class": "Car", **dict.fromkeys(GEOMETRY, 1.0), "score": [0.5, 0.6]}
@@ -204,16 +207,16 @@ GOOD = {"frame": [3, 4], "class": "Car", **dict.fromkeys(GEOMETRY, 1.0), "score"
 def test_the_line_that_converts_a_pickle_works(tmp_path):
     path = tmp_path / "result.pkl"
     boxes = np.array([[10.0, 1.0, -0.9, 4.0, 1.7, 1.5, 0.1]])
-    found = {"frame_id": "000003", "name": np.array(["Car"]), "score": np.array([0.7])}
+    frame = {"frame_id": "000003", "name": np.array(["Car"]), "score": np.array([0.7])}
     none = {"frame_id": "000004", "name": np.array([]), "score": np.array([])}
     empty = none | {"boxes_lidar": np.zeros((0, 7))}
-    path.write_bytes(pickle.dumps([found | {"boxes_lidar": boxes}, empty]))
+    path.write_bytes(pickle.dumps([frame | {"boxes_lidar": boxes}, empty]))
     with pytest.raises(InputError) as caught:
         read_detections([path], log_of("kitti"), CLASSES)
     line = caught.value.fix.partition(": ")[2].replace("python", sys.executable, 1)
     subprocess.run(line, shell=True, check=True)
-    own = read_detections([tmp_path / "result.parquet"], log_of("kitti"), CLASSES)
-    assert own.to_numpy().tolist() == [[3, "Car", 10.0, 1.0, 0.83, 4.0, 1.7, 1.5, 0.1, 0.7]]
+    converted = read_detections([tmp_path / "result.parquet"], log_of("kitti"), CLASSES)
+    assert converted.to_numpy().tolist() == [[3, "Car", 10.0, 1.0, 0.83, 4.0, 1.7, 1.5, 0.1, 0.7]]
 
 
 def test_frames_keep_their_names_on_disk(tmp_path):
@@ -235,5 +238,7 @@ def test_annotations_of_nuscenes_are_its_detections(tmp_path):
     (row,) = json.loads((folder / "sample_annotation.json").read_text())
     row |= {"detection_name": "car", "detection_score": 0.5}
     (tmp_path / "found.json").write_text(json.dumps({"results": {row["sample_token"]: [row]}}))
-    found = read_detections([tmp_path / "found.json"], log, CLASSES)
-    assert found[list(GEOMETRY)].to_numpy() == pytest.approx(log.boxes[list(GEOMETRY)].to_numpy())
+    detections = read_detections([tmp_path / "found.json"], log, CLASSES)
+    assert detections[list(GEOMETRY)].to_numpy() == pytest.approx(
+        log.boxes[list(GEOMETRY)].to_numpy()
+    )

@@ -28,8 +28,8 @@ from lidarplace.requirements.check_requirements import by_several, check_require
 from lidarplace.requirements.layout import lay_out
 from lidarplace.requirements.requirement import AlsoWhen, PlacedObject, Requirement
 from lidarplace.rig_files.formats import FORMATS
-from lidarplace.rig_files.mounted import MountedLidar
-from lidarplace.rig_files.own import read_own, write_own
+from lidarplace.rig_files.mounted import RigSensor
+from lidarplace.rig_files.mounts_yaml import read_mounts_yaml, write_mounts_yaml
 
 NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
 CAR = Vehicle.car()
@@ -42,14 +42,16 @@ def camera(**changes):
 
 
 def radar(**changes):
-    known = {"azimuth_deg": (-45.0, 45.0), "elevation_deg": (-10.0, 10.0), "range": 50.0}
-    return RadarSettings(**({"x": 0.0, "z": 1.0} | known | changes))
+    limits = {"azimuth_deg": (-45.0, 45.0), "elevation_deg": (-10.0, 10.0), "range": 50.0}
+    return RadarSettings(**({"x": 0.0, "z": 1.0} | limits | changes))
 
 
 def sensors_of(*settings):
-    mounts = [Mount(*own.pose) for own in settings]
-    cameras = [own for own in settings if isinstance(own, CameraSettings)]
-    return further_sensors(cameras, [own for own in settings if own not in cameras], mounts)
+    mounts = [Mount(*sensor.pose) for sensor in settings]
+    cameras = [sensor for sensor in settings if isinstance(sensor, CameraSettings)]
+    return further_sensors(
+        cameras, [sensor for sensor in settings if sensor not in cameras], mounts
+    )
 
 
 def on(settings, *boxes, vehicle=NOTHING, object_class=None):
@@ -60,21 +62,21 @@ def on(settings, *boxes, vehicle=NOTHING, object_class=None):
 def test_pixels_of_a_wall_by_hand():
     """90 degrees on 1,000 pixels are 500 pixels for a slope of 1; 60 degrees on 500 are 433."""
     wall = [10.5, 0.0, 1.0, 1.0, 2.0, 2.0, 0.0]  # its front is 10 m ahead
-    found = on(camera(), wall)[0]
-    assert found == pytest.approx(min(500 * 2 / 10, 433.01 * 2 / 10), rel=1e-4)
+    pixels = on(camera(), wall)[0]
+    assert pixels == pytest.approx(min(500 * 2 / 10, 433.01 * 2 / 10), rel=1e-4)
     flat = [10.5, 0.0, 1.0, 1.0, 2.0, 0.5, 0.0]
     assert on(camera(), flat)[0] == pytest.approx(433.01 * 0.5 / 10, rel=1e-4)
     behind, aside = [-10.5, *wall[1:]], [10.5, 15.0, *wall[2:]]
     assert on(camera(), behind, aside).tolist() == [0.0, 0.0]
     far = camera(range=9.0)
     assert on(far, wall)[0] == 0.0
-    known = camera(range=9.0, ranges={"Car": 30.0})
-    assert on(known, wall, object_class="Car")[0] == pytest.approx(found)
+    by_class = camera(range=9.0, ranges={"Car": 30.0})
+    assert on(by_class, wall, object_class="Car")[0] == pytest.approx(pixels)
     turned = camera(yaw_deg=180.0)
-    assert on(turned, behind)[0] == pytest.approx(found)
+    assert on(turned, behind)[0] == pytest.approx(pixels)
     fx, fy = 500.0, 250 / math.tan(math.radians(30))
     k = ((fx, 0.0, 500.0), (0.0, fy, 250.0), (0.0, 0.0, 1.0))
-    assert on(camera(fov_deg=None, intrinsic=k), wall)[0] == pytest.approx(found)
+    assert on(camera(fov_deg=None, intrinsic=k), wall)[0] == pytest.approx(pixels)
 
 
 def test_reach_of_a_radar_is_range_by_distance():
@@ -106,8 +108,8 @@ def test_by_kinds_against_all_sets():
     each = random.integers(0, 9, (200, 5)).astype(np.float64)
     for sensors, of, dead in [(1, 1, ()), (2, 2, ()), (3, 2, (0,)), (3, 3, ()), (2, 3, (4,))]:
         left = [n for n in range(5) if n not in dead]
-        found = by_several(each, kinds, left, sensors, of)
-        for row, value in zip(each, found, strict=True):
+        largest = by_several(each, kinds, left, sensors, of)
+        for row, value in zip(each, largest, strict=True):
             have = {t: [n for n in left if row[n] >= t] for t in row}
             enough = [t for t, n in have.items() if len(n) >= sensors]
             enough = [t for t in enough if len({kinds[n] for n in have[t]}) >= of]
@@ -121,48 +123,50 @@ def test_a_requirement_of_two_kinds():
     needs = (("points", 4.0), ("pixels", 20.0), ("reach", 1.0))
     ahead, behind = Area(x=(6.0, 8.0), y=((-1.0, 1.0),)), Area(x=(-8.0, -6.0), y=((-1.0, 1.0),))
 
-    def found(area, **wanted):
-        asked = Requirement("x", area, "times the need", 1.0, placed, needs=needs, **wanted)
-        return check_requirements([lay_out(asked, CAR)], RIG, CAR, further)[0]
+    def check(area, **wanted):
+        requirement = Requirement("x", area, "times the need", 1.0, placed, needs=needs, **wanted)
+        return check_requirements([lay_out(requirement, CAR)], RIG, CAR, further)[0]
 
-    assert found(ahead, sensors=3, kinds=3).met
-    assert found(behind, sensors=1).met
-    assert found(behind, sensors=2, kinds=2).worst.value == 0.0
-    dead = found(ahead, sensors=2, kinds=2, also_when=AlsoWhen(sensors_dead=1))
-    assert [own.case for own in dead.cases] == [
+    assert check(ahead, sensors=3, kinds=3).met
+    assert check(behind, sensors=1).met
+    assert check(behind, sensors=2, kinds=2).worst.value == 0.0
+    dead = check(ahead, sensors=2, kinds=2, also_when=AlsoWhen(sensors_dead=1))
+    assert [finding.case for finding in dead.cases] == [
         "as built", "without LiDAR 1", "without camera 1", "without radar 1",
     ]  # fmt: skip
     assert dead.met
-    assert not found(ahead, sensors=2, also_when=AlsoWhen(sensors_dead=2)).met
+    assert not check(ahead, sensors=2, also_when=AlsoWhen(sensors_dead=2)).met
     assert dead.requirement.measured == "times the need by 2 sensors of 2 kinds"
 
 
 def test_a_camera_shares_its_view_with_a_lidar_that_turns():
     further = sensors_of(camera(z=1.7), camera(name="rear", z=1.7, yaw_deg=180.0))
     rig = Placement("wide", [Mount(z=1.9)], Lidar.even(8, (-40, 40), azimuth_steps=360))
-    found = common_view(rig, NOTHING, CommonView("all", 0.5, 20.0), further)
-    assert found[0, 1] > 0.99
-    assert found[1, 2] == 0.0
+    shares = common_view(rig, NOTHING, CommonView("all", 0.5, 20.0), further)
+    assert shares[0, 1] > 0.99
+    assert shares[1, 2] == 0.0
 
 
 FURTHER = [
-    MountedLidar("lidar_1", Mount(z=2.0)),
-    MountedLidar("camera_1", Mount(1.7, 0.1, 1.5, 0.01, -0.02, 0.9), further=camera()),
-    MountedLidar("camera_2", Mount(-1.0, 0.1, 1.5, 0.0, 0.1, 3.0), further=camera()),
-    MountedLidar("radar_1", Mount(3.4, -0.2, 0.5, 0.1, 0.0, -1.2), further=radar()),
+    RigSensor("lidar_1", Mount(z=2.0)),
+    RigSensor("camera_1", Mount(1.7, 0.1, 1.5, 0.01, -0.02, 0.9), further=camera()),
+    RigSensor("camera_2", Mount(-1.0, 0.1, 1.5, 0.0, 0.1, 3.0), further=camera()),
+    RigSensor("radar_1", Mount(3.4, -0.2, 0.5, 0.1, 0.0, -1.2), further=radar()),
 ]
 
 
 @pytest.mark.parametrize("name", ["own", "nuscenes", "osi"])
 def test_cameras_and_radars_come_back(name, tmp_path):
     path, ours = tmp_path / "rig.yaml", name == "own"
-    write = write_own if ours else FORMATS[name].write
+    write = write_mounts_yaml if ours else FORMATS[name].write
     write(path, FURTHER)
-    back = read_own(path) if ours else FORMATS[name].read(path, [])
-    assert [(own.name, own.kind) for own in back] == [(own.name, own.kind) for own in FURTHER]
-    for own, before in zip(back, FURTHER, strict=True):
-        np.testing.assert_allclose(own.mount.position, before.mount.position, atol=1e-9)
-        np.testing.assert_allclose(own.mount.rotation, before.mount.rotation, atol=1e-9)
+    back = read_mounts_yaml(path) if ours else FORMATS[name].read(path, [])
+    assert [(sensor.name, sensor.kind) for sensor in back] == [
+        (sensor.name, sensor.kind) for sensor in FURTHER
+    ]
+    for sensor, before in zip(back, FURTHER, strict=True):
+        np.testing.assert_allclose(sensor.mount.position, before.mount.position, atol=1e-9)
+        np.testing.assert_allclose(sensor.mount.rotation, before.mount.rotation, atol=1e-9)
     one, two = back[1].further.built(), FURTHER[1].further.built()
     np.testing.assert_allclose(one.focal, two.focal, rtol=1e-6)
     if ours:
@@ -176,14 +180,14 @@ def test_frames_that_are_cameras_are_named(name, tmp_path):
     FORMATS[name].write(source, [*FURTHER, optical])
     words = "--only lidar* --cameras cam* --radars radar* --origin 0 0 0 --camera a2d2_front_camera"
     command = f"{source} {tmp_path}/o.yaml {words} --radar drvegrd169"
-    done = CliRunner().invoke(app, command.split())
-    assert done.exit_code == 0, done.output
-    own = {sensor.name: sensor for sensor in read_own(tmp_path / "o.yaml")}
+    result = CliRunner().invoke(app, command.split())
+    assert result.exit_code == 0, result.output
+    sensors = {sensor.name: sensor for sensor in read_mounts_yaml(tmp_path / "o.yaml")}
     np.testing.assert_allclose(
-        own["cam_optical_frame"].mount.rotation, optical.mount.rotation, atol=1e-9
+        sensors["cam_optical_frame"].mount.rotation, optical.mount.rotation, atol=1e-9
     )
-    assert own["radar_1"].further.built().ranges == (("", 130.0),)
-    assert [name for name, sensor in own.items() if sensor.kind == "lidar"] == ["lidar_1"]
+    assert sensors["radar_1"].further.built().ranges == (("", 130.0),)
+    assert [name for name, sensor in sensors.items() if sensor.kind == "lidar"] == ["lidar_1"]
 
 
 def nuscenes_tables(folder):
@@ -200,11 +204,11 @@ def nuscenes_tables(folder):
             fx = float(random.uniform(800, 1300))
             k = [[fx, 0.0, 810.5], [0.0, fx, 440.25], [0.0, 0.0, 1.0]] if kind == "camera" else []
             place = random.uniform([-1, -0.8, 0.4], [2, 0.8, 1.9]).tolist()
-            known = {"token": f"c{token}", "sensor_token": token, "translation": place}
-            rows.append(known | {"rotation": turned, "camera_intrinsic": k})
+            calibration = {"token": f"c{token}", "sensor_token": token, "translation": place}
+            rows.append(calibration | {"rotation": turned, "camera_intrinsic": k})
     for name, table in (("sensor", sensors), ("calibrated_sensor", rows)):
         (folder / f"{name}.json").write_text(json.dumps(table))
-    return {own["channel"]: row for own, row in zip(sensors, rows, strict=True)}
+    return {sensor["channel"]: row for sensor, row in zip(sensors, rows, strict=True)}
 
 
 def test_a_rig_of_nuscenes_changed_in_the_studio_and_written_back(tmp_path, monkeypatch):
@@ -216,8 +220,8 @@ def test_a_rig_of_nuscenes_changed_in_the_studio_and_written_back(tmp_path, monk
     monkeypatch.chdir(tmp_path)
     words = ["--format", "nuscenes"]
     models = ["--lidar", "vlp16", "--radar", "drvegrd171"]
-    done = CliRunner().invoke(app, ["v1", "rig.yaml", *words, *models])
-    assert done.exit_code == 0, done.output
+    result = CliRunner().invoke(app, ["v1", "rig.yaml", *words, *models])
+    assert result.exit_code == 0, result.output
     settings = read_placement_settings(Path("rig.yaml"))
     assert [len(settings.mounts), len(settings.cameras), len(settings.radars)] == [3, 5, 5]
     assert len(read_placement(Path("rig.yaml"), Lidar.paper()).mounts) == 3
@@ -242,10 +246,10 @@ def test_a_rig_of_nuscenes_changed_in_the_studio_and_written_back(tmp_path, monk
     assert saved["cameras"] == content["cameras"]
     assert saved["radars"] == content["radars"]
     Path("saved.yaml").write_text(yaml.safe_dump(saved))
-    done = CliRunner().invoke(app, ["saved.yaml", "v2", *words])
-    assert done.exit_code == 0, done.output
+    result = CliRunner().invoke(app, ["saved.yaml", "v2", *words])
+    assert result.exit_code == 0, result.output
     sensors = json.loads(Path("v2/sensor.json").read_text())
-    channels = {own["token"]: (own["channel"], own["modality"]) for own in sensors}
+    channels = {sensor["token"]: (sensor["channel"], sensor["modality"]) for sensor in sensors}
     rows = json.loads(Path("v2/calibrated_sensor.json").read_text())
     assert len(rows) == 13
     for row in rows:
@@ -255,14 +259,16 @@ def test_a_rig_of_nuscenes_changed_in_the_studio_and_written_back(tmp_path, monk
         if channel == "LIDAR_0":
             old["translation"] = [*old["translation"][:2], old["translation"][2] + 0.1]
         np.testing.assert_allclose(row["translation"], old["translation"], atol=2e-9)
-        turned = [Rotation.from_quat(np.roll(own["rotation"], -1)) for own in (row, old)]
+        turned = [
+            Rotation.from_quat(np.roll(calibration["rotation"], -1)) for calibration in (row, old)
+        ]
         assert (turned[0] * turned[1].inv()).magnitude() < 1e-7
         assert row["camera_intrinsic"] == old["camera_intrinsic"]
 
 
 def test_what_the_catalogue_holds_can_be_built_and_has_a_source():
-    for name, own in further_catalogue().items():
-        kind = CameraSettings if own["kind"] == "camera" else RadarSettings
+    for name, keys in further_catalogue().items():
+        kind = CameraSettings if keys["kind"] == "camera" else RadarSettings
         settings = kind(z=1.0, model=name)
         assert settings.built() is not None
         assert "http" in settings.source

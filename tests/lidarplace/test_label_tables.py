@@ -53,10 +53,10 @@ def test_a_log_comes_back(tmp_path_factory, manner, seed, suffix):
     shuffled = table.sample(frac=1, random_state=seed)
     shuffled.to_csv(path, index=False) if suffix == ".csv" else shuffled.to_parquet(path)
     mapping = TableMapping.model_validate(mapping_of(log, manner))
-    found = read_label_table(path, mapping, Counter())
+    read_log = read_label_table(path, mapping, Counter())
     boxes, wanted = (
-        own.sort_values(["frame", "object_id"], ignore_index=True)
-        for own in (found.boxes, log.boxes)
+        table_of_boxes.sort_values(["frame", "object_id"], ignore_index=True)
+        for table_of_boxes in (read_log.boxes, log.boxes)
     )
     names, sides = ["scene", "frame", "object_id", "class"], list(GEOMETRY[:6])
     assert boxes[names].to_numpy().tolist() == wanted[names].to_numpy().tolist()
@@ -65,9 +65,9 @@ def test_a_log_comes_back(tmp_path_factory, manner, seed, suffix):
     turn = boxes["yaw"] - wanted["yaw"]
     np.testing.assert_allclose(np.remainder(turn + 1, 2 * math.pi), 1, atol=1e-9)
     names = ["scene", "frame", "route", "split"]
-    assert found.frames[names].to_numpy().tolist() == log.frames[names].to_numpy().tolist()
+    assert read_log.frames[names].to_numpy().tolist() == log.frames[names].to_numpy().tolist()
     if manner.coordinates == "world":
-        ego = found.frames[list(POSE_COLUMNS)] - log.frames[list(POSE_COLUMNS)]
+        ego = read_log.frames[list(POSE_COLUMNS)] - log.frames[list(POSE_COLUMNS)]
         np.testing.assert_allclose(ego[["ego_x", "ego_y"]], 0, atol=1e-9)
         np.testing.assert_allclose(np.remainder(ego["ego_yaw"] + 1, 2 * math.pi), 1, atol=1e-9)
 
@@ -87,10 +87,10 @@ def test_poses_of_another_file_and_rate(tmp_path):
     content["poses"] = content["poses"] | {"file": "poses.csv", "stamp": "utc"}
     (tmp_path / "with_poses.yaml").write_text(yaml.safe_dump(content))
     mapping = read_mapping(tmp_path / "with_poses.yaml")  # whose folder the path is relative to
-    found = read_label_table(labels, mapping, Counter())
-    found_boxes = found.boxes.sort_values(["frame", "object_id"], ignore_index=True)
+    read_log = read_label_table(labels, mapping, Counter())
+    found_boxes = read_log.boxes.sort_values(["frame", "object_id"], ignore_index=True)
     np.testing.assert_allclose(found_boxes[["x", "y"]], log.boxes[["x", "y"]], atol=1e-6)
-    np.testing.assert_allclose(found.frames["ego_x"], log.frames["ego_x"], atol=1e-6)
+    np.testing.assert_allclose(read_log.frames["ego_x"], log.frames["ego_x"], atol=1e-6)
 
 
 def test_frames_without_a_box_count_at_a_rate(tmp_path):
@@ -98,9 +98,9 @@ def test_frames_without_a_box_count_at_a_rate(tmp_path):
     labels, mapping = write(
         tmp_path, log, Manner(), lambda t: t[t["stamp"] % 10**6 != 300_000], frames=rate
     )
-    found = read_label_table(labels, read_mapping(mapping), Counter())
-    assert len(found.frames) == len(log.frames) == 24
-    assert set(found.frames["frame"]) - set(found.boxes["frame"]) == {3, 11, 19}
+    read_log = read_label_table(labels, read_mapping(mapping), Counter())
+    assert len(read_log.frames) == len(log.frames) == 24
+    assert set(read_log.frames["frame"]) - set(read_log.boxes["frame"]) == {3, 11, 19}
 
 
 def test_a_clock_may_drift_and_a_frame_takes_a_while(tmp_path):
@@ -114,9 +114,9 @@ def test_a_clock_may_drift_and_a_frame_takes_a_while(tmp_path):
 
     keys = {"drives": {}, "frames": {"rate_hz": 10}}
     labels, mapping = write(tmp_path, log, Manner(), drifting, **keys)
-    found = read_label_table(labels, read_mapping(mapping), Counter())
-    assert found.boxes["frame"].tolist() == log.boxes["frame"].tolist()
-    np.testing.assert_allclose(np.diff(found.frames["timestamp_s"]), 0.101, atol=0.0201)
+    read_log = read_label_table(labels, read_mapping(mapping), Counter())
+    assert read_log.boxes["frame"].tolist() == log.boxes["frame"].tolist()
+    np.testing.assert_allclose(np.diff(read_log.frames["timestamp_s"]), 0.101, atol=0.0201)
 
 
 def test_numbers_of_frames(tmp_path):
@@ -131,9 +131,9 @@ def test_numbers_of_frames(tmp_path):
     for rate, frames, last in ((None, 21, math.nan), (5.0, 24, 1.4)):
         keys = names | {"frames": {"rate_hz": rate}}
         labels, mapping = write(tmp_path, log, Manner(), numbered, **keys)
-        found = read_label_table(labels, read_mapping(mapping), Counter())
-        assert len(found.frames) == frames
-        np.testing.assert_allclose(found.frames["timestamp_s"].iloc[-1], last)
+        read_log = read_label_table(labels, read_mapping(mapping), Counter())
+        assert len(read_log.frames) == frames
+        np.testing.assert_allclose(read_log.frames["timestamp_s"].iloc[-1], last)
 
 
 def test_what_is_refused_is_drawn(tmp_path):
@@ -153,9 +153,9 @@ def test_categories_left_out_are_counted_and_numbers_name_too(tmp_path):
         tmp_path, log, Manner(), lambda t: t.assign(kind=t["kind"].map(codes)), classes=classes
     )
     ignored = Counter()
-    found = read_label_table(labels, read_mapping(mapping), ignored)
+    read_log = read_label_table(labels, read_mapping(mapping), ignored)
     assert ignored == {"2": (log.boxes["class"] == "Cyclist").sum()}
-    assert set(found.boxes["class"]) == {"Car", "Pedestrian"}
+    assert set(read_log.boxes["class"]) == {"Car", "Pedestrian"}
 
 
 def convert(*arguments):

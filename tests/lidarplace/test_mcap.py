@@ -26,9 +26,9 @@ KEPT = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
 def log(tmp_path) -> BoxLog:
     """A small log whose vehicle moves."""
     write_small_log(tmp_path / "log")
-    made = read_box_log(tmp_path / "log")
-    poses = {"ego_x": np.arange(len(made.frames)) * 2.0, "ego_y": 1.0, "ego_yaw": 0.5}
-    write_box_log(tmp_path / "log", BoxLog(made.boxes, made.frames.assign(**poses)))
+    still = read_box_log(tmp_path / "log")
+    poses = {"ego_x": np.arange(len(still.frames)) * 2.0, "ego_y": 1.0, "ego_yaw": 0.5}
+    write_box_log(tmp_path / "log", BoxLog(still.boxes, still.frames.assign(**poses)))
     return read_box_log(tmp_path / "log")
 
 
@@ -38,7 +38,7 @@ def messages(path):
     from google.protobuf.message_factory import GetMessages
     from mcap.reader import make_reader
 
-    found, classes = [], {}
+    decoded, classes = [], {}
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
             if channel.message_encoding == "json":
@@ -48,50 +48,50 @@ def messages(path):
                     files = FileDescriptorSet.FromString(schema.data)
                     classes[schema.id] = GetMessages(files.file)[schema.name]
                 content = classes[schema.id].FromString(message.data)
-            found.append((channel.topic, schema.name, message.log_time, content))
-    return found
+            decoded.append((channel.topic, schema.name, message.log_time, content))
+    return decoded
 
 
 def run(*arguments):
-    done = CliRunner().invoke(app, [str(word) for word in arguments])
-    assert done.exit_code == 0, done.output
-    return done.stdout
+    result = CliRunner().invoke(app, [str(word) for word in arguments])
+    assert result.exit_code == 0, result.output
+    return result.stdout
 
 
-def by_topic(found, topic):
-    return [content for name, _, _, content in found if name == topic]
+def by_topic(decoded, topic):
+    return [content for name, _, _, content in decoded if name == topic]
 
 
 def test_a_simulated_log(tmp_path, log):
     out, rig = tmp_path / "line.mcap", PAPER_PLACEMENTS["line_roll"]
-    told = run(tmp_path / "log", out, "--placement", "line_roll", "--seed", 3)
-    found = messages(out)
+    output = run(tmp_path / "log", out, "--placement", "line_roll", "--seed", 3)
+    decoded = messages(out)
     schemas = dict.fromkeys([f"/lidar_{i}" for i in range(4)], "foxglove.PointCloud")
     schemas |= {"/objects": "foxglove.SceneUpdate", "/tf": "foxglove.FrameTransforms"}
-    assert {topic: schema for topic, schema, _, _ in found if topic != "/frame"} == schemas
+    assert {topic: schema for topic, schema, _, _ in decoded if topic != "/frame"} == schemas
     numbers = log.frames["frame"].to_numpy()
     clouds = collect(log, numbers, rig, KEPT, 3)
     inside = log.boxes.query("0 <= x <= 40 and -20 <= y <= 20 and 0 <= z <= 4")
-    assert f"{len(numbers)} frames, {len(inside)} boxes, {clouds.counts.sum():,} points" in told
-    assert [one["frame"] for one in by_topic(found, "/frame")] == numbers.tolist()
-    assert np.array_equal([t for topic, _, t, _ in found if topic == "/tf"], clock(log.frames))
+    assert f"{len(numbers)} frames, {len(inside)} boxes, {clouds.counts.sum():,} points" in output
+    assert [one["frame"] for one in by_topic(decoded, "/frame")] == numbers.tolist()
+    assert np.array_equal([t for topic, _, t, _ in decoded if topic == "/tf"], clock(log.frames))
     for index, number in enumerate(numbers):
         for lidar in range(4):
-            cloud = by_topic(found, f"/lidar_{lidar}")[index]
+            cloud = by_topic(decoded, f"/lidar_{lidar}")[index]
             assert (cloud.frame_id, cloud.point_stride) == ("ego", 16)
             fields = [(f.name, f.offset) for f in cloud.fields]
             assert fields == [("x", 0), ("y", 4), ("z", 8), ("intensity", 12)]
             points = np.frombuffer(cloud.data, "<f4").reshape(-1, 4)
             owner = clouds.lidar(index)
             np.testing.assert_array_equal(points, clouds[index][owner == lidar])
-        update = by_topic(found, "/objects")[index]
+        update = by_topic(decoded, "/objects")[index]
         rows = inside[inside["frame"] == number]
         assert [entity.id for entity in update.entities] == rows["object_id"].tolist()
         assert [entity.metadata[0].value for entity in update.entities] == rows["class"].tolist()
         boxes = [_geometry(entity.cubes[0]) for entity in update.entities]
         expected = rows[list(GEOMETRY)].to_numpy(float)
         np.testing.assert_allclose(np.reshape(boxes, (-1, 7)), expected, atol=1e-9)
-        *mounts, vehicle = by_topic(found, "/tf")[index].transforms
+        *mounts, vehicle = by_topic(decoded, "/tf")[index].transforms
         for transform, mount in zip(mounts, rig.mounts, strict=True):
             at, turned = transform.translation, transform.rotation
             np.testing.assert_allclose([at.x, at.y, at.z], mount.position)
@@ -114,9 +114,9 @@ def test_recorded_clouds_are_taken_as_they_are(tmp_path, log):
     clouds = collect(log, numbers, rig, KEPT, 7)
     write_clouds(folder / "route", clouds)
     (folder / "placement.json").write_text(json.dumps(rig_record(rig)))
-    told = run(tmp_path / "log", tmp_path / "a.mcap", "--placement", "line", "--recorded")
-    assert f"{clouds.counts.sum():,} points" in told
-    assert f"{collect(log, numbers, rig, KEPT, 0).counts.sum():,} points" not in told
+    output = run(tmp_path / "log", tmp_path / "a.mcap", "--placement", "line", "--recorded")
+    assert f"{clouds.counts.sum():,} points" in output
+    assert f"{collect(log, numbers, rig, KEPT, 0).counts.sum():,} points" not in output
     (first, *_) = by_topic(messages(tmp_path / "a.mcap"), "/lidar_0")
     points = np.frombuffer(first.data, "<f4").reshape(-1, 4)
     np.testing.assert_array_equal(points, clouds[0][clouds.lidar(0) == 0])

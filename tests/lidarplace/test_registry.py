@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from lidarplace.base.code_version import code_version, forget_versions
 from lidarplace.base.plugin_folders import PLUGINS
 from lidarplace.base.registry import OneOf, PluginError, Registry, _entry_points
+from lidarplace.scenes.kinds import KINDS
 from sweeps.execution.ray_cluster import _cluster_environment, _plug_ins, _python_path
 from sweeps.stages.evaluate import MeasureStage
 from sweeps.stages.recall import RecallStage
@@ -68,6 +69,13 @@ def test_a_broken_plug_in_harms_no_other(site, caplog):
     with pytest.raises(PluginError, match="third") as error:
         things["third"]
     assert error.value.found == "int"
+
+
+def test_a_kind_of_scenes_needs_a_class_of_settings(site):
+    text = "from lidarplace.scenes.kinds import SceneKind\none = SceneKind({}, list)\n"
+    install(site, "plug_a", [], text)
+    with pytest.raises(PluginError, match="plug_a:one"):
+        KINDS["plug_a:one"]
 
 
 def test_a_name_that_two_provide(site, caplog):

@@ -5,8 +5,10 @@ import pandas as pd
 import pytest
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.pog.occupancy.block_counts import BlockCounts
-from lidarplace.pog.surrogates.sampling_error import frame_blocks, pog_sampling_error
+from lidarplace.pog.surrogates.inputs import Sensing
+from lidarplace.pog.surrogates.sampling_error import Bootstrap, frame_blocks, pog_sampling_error
 from lidarplace.pog.surrogates.table import ASKED_OF_POG
 
 ROI = Roi((0, 20), (-5, 5), (0, 2), 0.5)
@@ -28,6 +30,11 @@ def traffic(rng, frames):
     return pd.DataFrame(rows, columns=columns)
 
 
+def error_of(boxes, frames, sensing=Sensing(), classes=("Car",), placement=PLACEMENT, **bootstrap):
+    log, settings = BoxLog(boxes, frames), {"bootstrap": Bootstrap(**bootstrap)}
+    return pog_sampling_error(log, ROI, classes, placement, sensing=sensing, **settings)
+
+
 def table_of(frames, routes=1):
     return pd.DataFrame({"frame": range(frames), "route": np.arange(frames) * routes // frames})
 
@@ -38,9 +45,7 @@ def table_of(frames, routes=1):
 def test_equals_a_log_that_is_put_together_again(q, occlusion, method):
     log, frames = traffic(np.random.default_rng(1), 50), table_of(50, routes=2)
     options = {"detection_probability": q, "occlusion": occlusion}
-    found = pog_sampling_error(
-        log, frames, ROI, ["Car"], PLACEMENT, method, blocks=7, resamples=3, seed=5, **options
-    )
+    found = error_of(log, frames, Sensing(method, q, occlusion), blocks=7, resamples=3, seed=5)
     whole = OccupancyGrid.from_boxes(log, ROI, "Car", 50)
     expected = evaluate(whole, PLACEMENT, method, surrogates=RAYS, **options)
     for name, value in found.estimates.set_index("surrogate")["value"].items():
@@ -86,9 +91,8 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say():
     held, bias = [], []
     for seed in range(40):
         log = traffic(rng, 300)
-        found = pog_sampling_error(
-            log, table_of(300), ROI, ["Car"], PLACEMENT, blocks=10, resamples=60, seed=seed
-        ).estimates.set_index("surrogate")
+        error = error_of(log, table_of(300), blocks=10, resamples=60, seed=seed)
+        found = error.estimates.set_index("surrogate")
         names = ["s_mig", "expected_points", "expected_ig"]
         value = np.array([getattr(truth, name) for name in names])
         held.append((found.loc[names, "low"] <= value) & (value <= found.loc[names, "high"]))
@@ -99,14 +103,14 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say():
 
 def test_a_class_without_objects_has_no_error():
     log = traffic(np.random.default_rng(0), 20)
-    found = pog_sampling_error(log, table_of(20), ROI, ["Pedestrian"], PLACEMENT, blocks=4)
+    found = error_of(log, table_of(20), classes=["Pedestrian"], blocks=4)
     assert (found.estimates[["value", "sd", "bias", "low", "high"]] == 0).all(axis=None)
 
 
 def test_the_same_draws_for_every_placement():
     log = traffic(np.random.default_rng(0), 40)
     rigs = PLACEMENT, Placement("other", [Mount(z=2.4)], LIDAR)
-    found = [pog_sampling_error(log, table_of(40), ROI, ["Car"], p, resamples=5) for p in rigs]
+    found = [error_of(log, table_of(40), placement=rig, resamples=5) for rig in rigs]
     a, b = (f.resamples.query("surrogate == 'h_pog'")["value"].to_numpy() for f in found)
     assert np.array_equal(a, b)
     assert len(set(a)) > 1

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,6 +15,7 @@ from lidarplace.scenes.sanity_checks.boxes import (
     implausible_surroundings,
     implausible_units,
 )
+from lidarplace.scenes.sanity_checks.copies import copied_test_frames
 from lidarplace.scenes.sanity_checks.motion import implausible_motion, implausible_poses
 from tests.lidarplace.company_table import traffic
 
@@ -69,6 +71,14 @@ def test_a_vehicle_drives_where_it_heads(seed, turn):
         (value,) = values
         assert value.rows.sum() == 21
         assert "21 of 24 frames (87.5%)" in value.where(shuffled.frames)
+
+
+def test_routes_in_which_nothing_moves_are_no_copies():
+    log = traffic()
+    first = log.boxes[log.boxes["frame"] == 0]
+    still = pd.concat([first.assign(frame=n) for n in log.frames["frame"]], ignore_index=True)
+    assert list(copied_test_frames(log, log)) == []
+    assert list(copied_test_frames(replace(log, boxes=still), replace(log, boxes=still))) == []
 
 
 def test_whole_numbers_are_degrees():

@@ -48,13 +48,13 @@ def test_same_bytes_again_in_another_process(log, tmp_path):
         "scene = SumoScene.model_validate_json(sys.argv[1])\n"
         "write_box_log(Path(sys.argv[2]), record(scene))\n"
     )
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-c", script, TINY.model_dump_json(), str(tmp_path / "second")],
         env={**os.environ, "PYTHONHASHSEED": "12345"},
         capture_output=True,
         check=True,
     )
-    assert done.stdout == b""
+    assert result.stdout == b""
     first, second = (
         {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()}
         for name in ("first", "second")
@@ -128,13 +128,13 @@ def test_no_two_boxes_overlap_and_none_the_ego(log):
     boxes = log.boxes
     pairs = 0
     half = [1, 1, 1, 0.5, 0.5]
-    own = [0.0, 0.0, 0.0, *OWN_BODY[3:5]] * np.array(half)
+    ego = [0.0, 0.0, 0.0, *OWN_BODY[3:5]] * np.array(half)
     for _, frame in boxes.groupby("frame"):
         rectangles = frame[["x", "y", "yaw", "length", "width"]].to_numpy() * half
         a, b = np.triu_indices(len(frame), 1)
         less = rectangles - [0, 0, 0, 1e-9, 1e-9]
         assert not rectangles_meet(less[a], less[b]).any()
-        assert not rectangles_meet(rectangles, np.tile(own, (len(frame), 1))).any()
+        assert not rectangles_meet(rectangles, np.tile(ego, (len(frame), 1))).any()
         pairs += len(a)
     assert pairs > 1000
 
@@ -220,11 +220,11 @@ def test_another_level_is_neither_seen_nor_hit():
     bridge = replace(traffic, z=np.array([[0.0, 6.0, 0.5, 6.0]]))
     np.testing.assert_array_equal(overlaps(traffic), [[0, 0, 1], [0, 2, 3]])
     assert len(overlaps(bridge)) == 0
-    below = boxes_around(bridge, overlaps(bridge), 0, FIRST, RUN, 0)
-    above = boxes_around(bridge, overlaps(bridge), 1, FIRST, RUN, 0)
-    assert below["object_id"].tolist() == [f"{RUN.name}-car2"]
-    assert above["object_id"].tolist() == [f"{RUN.name}-car3"]
-    np.testing.assert_array_equal(above["z"], 0.75)
+    under_bridge = boxes_around(bridge, overlaps(bridge), 0, FIRST, RUN, 0)
+    on_bridge = boxes_around(bridge, overlaps(bridge), 1, FIRST, RUN, 0)
+    assert under_bridge["object_id"].tolist() == [f"{RUN.name}-car2"]
+    assert on_bridge["object_id"].tolist() == [f"{RUN.name}-car3"]
+    np.testing.assert_array_equal(on_bridge["z"], 0.75)
 
 
 def test_frames_are_kept_after_the_ego_moved():
@@ -240,13 +240,13 @@ def test_min_travel_thins_the_log_and_keeps_the_numbers_of_routes(log):
     assert 5 < len(frames) < len(log.frames)
     assert frames["frame"].is_unique
     for route, part in frames.groupby("route"):
-        kept = log.frames[log.frames["route"] == route]
-        kept = kept[kept["timestamp_s"].isin(part["timestamp_s"])]
+        same_frames = log.frames[log.frames["route"] == route]
+        same_frames = same_frames[same_frames["timestamp_s"].isin(part["timestamp_s"])]
         assert part["frame"].tolist() == list(range(10 * route, 10 * route + len(part)))
-        np.testing.assert_array_equal(part[[*POSE_COLUMNS]], kept[[*POSE_COLUMNS]])
+        np.testing.assert_array_equal(part[[*POSE_COLUMNS]], same_frames[[*POSE_COLUMNS]])
         steps = np.hypot(*np.diff(part[["ego_x", "ego_y"]], axis=0).T)
         assert (steps >= 2.0).all()
-        same = log.boxes["frame"].isin(kept["frame"])
+        same = log.boxes["frame"].isin(same_frames["frame"])
         part_boxes = near.boxes[near.boxes["frame"].isin(part["frame"])]
         np.testing.assert_array_equal(part_boxes["x"], log.boxes.loc[same, "x"])
 
@@ -291,12 +291,12 @@ def test_without_sumo_the_extra_is_named(monkeypatch):
 
 
 def test_another_seed_for_tests_changes_no_training_route():
-    own, other = (SumoScene(seed=3, test_seed=s).town_runs() for s in (None, 7))
-    assert own[0] == other[0]
-    assert own[0].traffic_seed != SumoScene(seed=4).town_runs()[0].traffic_seed
-    assert own[1].part == other[1].part == "test"
+    usual, other = (SumoScene(seed=3, test_seed=s).town_runs() for s in (None, 7))
+    assert usual[0] == other[0]
+    assert usual[0].traffic_seed != SumoScene(seed=4).town_runs()[0].traffic_seed
+    assert usual[1].part == other[1].part == "test"
     for name in ("name", "town_seed", "traffic_seed"):
-        assert getattr(own[1], name) != getattr(other[1], name)
+        assert getattr(usual[1], name) != getattr(other[1], name)
     on_map = [SumoScene(seed=3, test_seed=s, towns=("Town03",)).town_runs() for s in (None, 7)]
     assert {run.town_seed for runs in on_map for run in runs} == {on_map[0][0].town_seed}
     assert on_map[0][1].traffic_seed != on_map[1][1].traffic_seed

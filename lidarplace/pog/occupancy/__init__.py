@@ -1,1 +1,1 @@
-"""How often voxels are occupied: the POG, what it is counted from and what it holds."""
+"""Occupancy of voxels: the POG, its counts and its levels."""

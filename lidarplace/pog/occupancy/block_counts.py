@@ -1,4 +1,4 @@
-"""In how many frames of each block of a log a voxel is occupied, and so of any mix of blocks.
+"""Counts of occupied frames by block of a log, and so of any mix of blocks.
 
 Neighbouring voxels have the same history: the same cars passed them in the same blocks. Histories
 are a tree: a node is its parent's history and one further block with its count, so the counts of
@@ -33,7 +33,7 @@ class BlockCounts:
 
     @classmethod
     def of_blocks(cls, blocks: Iterable[NDArray[np.int32]]) -> BlockCounts:
-        """Histories from the counts of every block, arrays of one shape, read once in order."""
+        """Return histories from the counts of every block, arrays of one shape, read once."""
         nodes = [np.zeros((3, 1), np.int64)]  # parent, block, count
         node, size = np.empty(0, np.int64), 1
         for number, counts in enumerate(blocks):

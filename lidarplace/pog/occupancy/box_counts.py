@@ -1,4 +1,4 @@
-"""In how many frames the centre of each voxel lies in a box.
+"""Number of frames in which the centre of each voxel lies in a box.
 
 All columns of a box share one run of voxels along z, and in a row of constant x its voxels are one
 run along y. So a box is written row by row, as the four corners of a rectangle of a second
@@ -17,12 +17,11 @@ from lidarplace.base.roi import Roi
 def count_boxes(
     geometry: NDArray[np.float64], frame: NDArray[np.int64], roi: Roi
 ) -> NDArray[np.int32]:
-    """Number of frames in which a voxel's centre lies in a box or on its surface, shape (nx, ny,
-    nz), int32.
+    """Return the number of frames in which a voxel's centre lies in a box or on its surface.
 
-    Args:
-        geometry: columns of `lidarplace.logs.boxes.GEOMETRY`, shape (boxes, 7), finite.
-        frame: frame of each box, shape (boxes,); the boxes of a frame stand together."""
+    Shape (nx, ny, nz), int32. `geometry` has the columns of `lidarplace.logs.boxes.GEOMETRY`, shape
+    (boxes, 7), finite; `frame` is that of each box, shape (boxes,); the boxes of a frame stand
+    together."""
     nx, ny, nz = roi.shape
     counts = np.zeros((nx, ny, nz), np.int32)
     if len(frame):
@@ -33,7 +32,7 @@ def count_boxes(
 
 @inner
 def _slab(a, b, half, offset, centres, minimum, resolution):
-    """First and last centre with |a + b d| <= half, d = centre - offset; none: first > last.
+    """Return first and last centre with |a + b d| <= half, d = centre - offset; none: first > last.
 
     The ends are guessed by division, then moved to where the test itself changes. Rounding is
     monotone, so the test holds for one run of voxels."""
@@ -60,7 +59,7 @@ def _slab(a, b, half, offset, centres, minimum, resolution):
 
 @inner
 def _reach(centre, half, minimum, resolution, n):
-    """First and last of n voxels on an axis within `half` of `centre`, and up to one more."""
+    """Return first and last of n voxels within `half` of `centre`, and up to one more."""
     first = np.floor((centre - half - minimum) / resolution - 0.5)
     last = np.ceil((centre + half - minimum) / resolution - 0.5)
     if first >= n or last < 0:
@@ -77,7 +76,9 @@ def _inside(box, y):
 
 @inner
 def _run(dx, sides, ys, minimum, resolution):
-    """First and last voxel of a row of constant x whose centres lie in a box; none: first > last.
+    """Return first and last voxel of a row of constant x with centres in a box.
+
+    There are none if first > last.
 
     `dx` is x of the row from the centre of the box; `sides` are y, cos, sin, length / 2, width / 2,
     the index along y of the centre, voxels a metre along y for the sides along and across the box,
@@ -124,7 +125,7 @@ def _add(changes, i, j0, j1, k0, k1):
 
 @inner
 def _overlapping(others, n, j0, j1, k0, k1):
-    """The first of `others` from the n-th on that holds a voxel of a rectangle, or their number."""
+    """Return the first of `others` from n on that holds a voxel of a rectangle, or their number."""
     while n < len(others) and (
         others[n, 0] > j1 or others[n, 1] < j0 or others[n, 2] > k1 or others[n, 3] < k0
     ):
@@ -134,7 +135,7 @@ def _overlapping(others, n, j0, j1, k0, k1):
 
 @inner
 def _add_new(changes, i, j0, j1, k0, k1, others):
-    """`_add` without the voxels of `others`: rows of first and last j, first and last k."""
+    """Add one to the voxels but those of `others`: rows of first and last j, first and last k."""
     parts = [(j0, j1, k0, k1, 0)]
     while parts:
         j0, j1, k0, k1, n = parts.pop()
@@ -168,7 +169,9 @@ def _sum_up(changes, i, j0, j1, k0, k1, counts):
 
 @inner
 def _rounding(box, grid):
-    """Rounding of a coordinate in the frame of a box, in metres; matters for boxes far away."""
+    """Return the rounding of a coordinate in the frame of a box, in metres.
+
+    It matters for boxes far away."""
     minimum, resolution, xs, ys, _ = grid
     extent = abs(minimum[0]) + abs(minimum[1]) + (len(xs) + len(ys)) * resolution
     return 1e-14 * (abs(box[0]) + abs(box[1]) + box[3] + box[4] + extent)
@@ -176,7 +179,7 @@ def _rounding(box, grid):
 
 @inner
 def _bounds(box, grid):
-    """First and last voxel on each axis that a box can reach, along z exact."""
+    """Return first and last voxel on each axis that a box can reach, along z exact."""
     x, y, z, length, width, height, yaw = box
     minimum, resolution, xs, ys, zs = grid
     c, s, rounding = abs(math.cos(yaw)), abs(math.sin(yaw)), _rounding(box, grid)
@@ -189,7 +192,7 @@ def _bounds(box, grid):
 
 @inner
 def _sides(box, grid):
-    """`sides` of `_run`."""
+    """Return `sides` of `_run`."""
     minimum, resolution, _, _, _ = grid
     c, s = math.cos(box[6]), math.sin(box[6])
     # Voxels a metre along y for each side of the box; large, not infinite, along an axis.

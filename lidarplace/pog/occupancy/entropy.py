@@ -10,7 +10,7 @@ from lidarplace.base.kernel_cache import njit
 
 
 def binary_entropy(p: ArrayLike, rest: ArrayLike) -> NDArray[np.float64]:
-    """`H = -p ln p - (1-p) ln(1-p)` in nats, 0 at p = 0 and p = 1.
+    """Return `H = -p ln p - (1-p) ln(1-p)` in nats, 0 at p = 0 and p = 1.
 
     `rest` is 1 - p, of equal shape, float64, rounded on its own: a float near 1 does not know its
     distance to 1, on which H depends. So the result is exact to one or two units in the last place.
@@ -25,7 +25,7 @@ def binary_entropy(p: ArrayLike, rest: ArrayLike) -> NDArray[np.float64]:
 
 
 def entropy_of_counts(counts: NDArray[np.integer], frames: int) -> NDArray[np.float64]:
-    """H in nats of voxels that are occupied in `counts` of `frames` frames, shape of `counts`."""
+    """Return H in nats of voxels that are occupied in `counts` of `frames` frames, same shape."""
     return binary_entropy(counts / frames, (frames - counts) / frames)
 
 

@@ -80,7 +80,9 @@ class OccupancyGrid(Plottable):
     def by_class(
         cls, boxes: pd.DataFrame, roi: Roi, classes: Collection[str], frames: int
     ) -> dict[str, OccupancyGrid]:
-        """`from_boxes` for several classes, without its warnings; frame numbers are made once.
+        """Return `from_boxes` for several classes, without its warnings.
+
+        Frame numbers are made once.
 
         Raises ValueError as `from_boxes`; all `classes` together must not have more than
         `frames`."""
@@ -110,7 +112,7 @@ class OccupancyGrid(Plottable):
 
     @classmethod
     def merged(cls, parts: Iterable[OccupancyGrid]) -> OccupancyGrid:
-        """The grid of all frames, from grids of disjoint sets of whole frames.
+        """Return the grid of all frames, from grids of disjoint sets of whole frames.
 
         Raises ValueError if there are no parts, they differ in ROI or class, or their frames add up
         to 2**31 or more."""
@@ -131,7 +133,7 @@ class OccupancyGrid(Plottable):
 
     @cached_property
     def probability(self) -> NDArray[np.float64]:
-        """p of every voxel, shape (nx, ny, nz)."""
+        """Probability p of every voxel, shape (nx, ny, nz)."""
         return self.counts / self.frames
 
     @cached_property
@@ -162,7 +164,7 @@ class OccupancyGrid(Plottable):
 
 
 def _check_class(name: str, boxes: pd.DataFrame) -> None:
-    """A class that never occurs is empty; one that is neither known nor there is mistyped."""
+    """Raise ValueError for a class that is neither known nor in the boxes: it is mistyped."""
     if not isinstance(name, str):
         raise InputError(key="object_class", expected="the name of a class", found=repr(name))
     there = counts_of(boxes["class"])

@@ -47,7 +47,7 @@ class Levels:
         return cls(first, voxels, level, values, total, Tiles.of_voxels(counts > 0))
 
     def covered(self, bits: Bits) -> NDArray[np.int64]:
-        """Number of voxels of a set by their level, shape (levels,)."""
+        """Return the number of voxels of a set by their level, shape (levels,)."""
         number = np.zeros(len(self.counts), np.int64)
         _count_covered(bits.reshape(-1), self.first, self.voxels, self.level, number)
         return number
@@ -57,7 +57,7 @@ class Levels:
 def _group(counts, first, voxels, count_of_set):
     """Fill `first`, and the sets where there is room for them; returns the number of sets."""
     nx, ny, nz = counts.shape
-    own = np.empty(64, np.int32)  # the counts of one column, and their voxels
+    column_counts = np.empty(64, np.int32)  # the counts of one column, and their voxels
     members = np.empty(64, np.uint64)
     size, column = 0, 0
     for word in range((nz + 63) // 64):
@@ -68,18 +68,18 @@ def _group(counts, first, voxels, count_of_set):
                     count = counts[i, j, k]
                     if count == 0:
                         continue
-                    if number == 0 or own[last] != count:
+                    if number == 0 or column_counts[last] != count:
                         last = 0
-                        while last < number and own[last] != count:
+                        while last < number and column_counts[last] != count:
                             last += 1
                         if last == number:
-                            own[last], members[last] = count, 0
+                            column_counts[last], members[last] = count, 0
                             number += 1
                     members[last] |= np.uint64(1) << np.uint64(k & 63)
                 first[column] = size
                 if len(voxels):
                     for n in range(number):
-                        voxels[size + n], count_of_set[size + n] = members[n], own[n]
+                        voxels[size + n], count_of_set[size + n] = members[n], column_counts[n]
                 size += number
                 column += 1
     first[column] = size

@@ -1,4 +1,4 @@
-"""Which mounts to take out of a finite set of candidates, and how far from the best that can be."""
+"""Choice of mounts from a finite set of candidates, and a bound on every choice."""
 
 from lidarplace.pog.selection.exposure import Exposure
 from lidarplace.pog.selection.limits import Limits

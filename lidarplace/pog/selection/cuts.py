@@ -22,7 +22,7 @@ class Cut:
 
 
 def highest(cuts: Sequence[Cut], limits: Limits) -> tuple[float, NDArray[np.float64]]:
-    """Bound of the sum over the blocks of the least cut of each; and where the solver found it."""
+    """Return a bound of the sum over blocks of the least cut of each, and where it was found."""
     rows, capacity = limits.polytope
     blocks, candidates = cuts[0].slopes.shape
     constant = np.concatenate([cut.constant for cut in cuts])

@@ -1,4 +1,4 @@
-"""How much every candidate exposes every occupied voxel: the matrix behind greedy and bound."""
+"""Exposure of every occupied voxel to every candidate: the matrix of greedy choice and bound."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
-from lidarplace.coverage import Method
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.selection.submodular import check_weights
 from lidarplace.pog.selection.tracing import Objective, Tracing
 from lidarplace.pog.selection.voxel_gain import SATURATED, VoxelGain, gain_at
+from lidarplace.pog.surrogates.inputs import Sensing
 from lidarplace.rigs.placement import Placement
 
 _ENOUGH = 45.0  # nats: a chance of exp(-45) to be missed moves no float64
@@ -27,8 +27,10 @@ _LADDER = 2**22  # entries: 32 MB
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """Exposures of voxels to candidates, by rows: what candidate e gives is in entries `offsets[e]`
-    to `offsets[e + 1]`. Exposures add up over the candidates of a set.
+    """Exposures of voxels to candidates, by rows.
+
+    Candidate e has the entries `offsets[e]` to `offsets[e + 1]`. Exposures add up over the
+    candidates of a set.
 
     Voxels that no class occupies are left out. With occlusion what a ray gives depends on the
     class, so a voxel stands there once for each class.
@@ -50,23 +52,19 @@ class Exposure:
         weights: Mapping[str, float],
         candidates: Sequence[Placement],
         surrogate: Objective = "expected_ig",
-        method: Method = "cone",
-        detection_probability: float = 0.1,
-        occlusion: bool = False,
-        azimuth_stride: int = 1,
+        sensing: Sensing = Sensing(),
     ) -> Exposure:
         """Trace every candidate once, in as many threads as numba has.
 
-        The keywords are those of `lidarplace.evaluate_classes`, `grids` a POG for each class, of
-        one ROI. The value of a set is the sum over the classes by `weights` (unless 0) of the
-        surrogate of its union, if the LiDARs of all candidates have the same `ray_weight`; else
-        `evaluate_classes` takes the mean over the LiDARs of a rig. Raises ValueError: a weight that
-        is negative or of an unknown class, grids of different ROIs, or a stride below 1."""
+        `grids` are a POG for each class, of one ROI. The value of a set is the sum over the classes
+        by `weights` (unless 0) of the surrogate of its union, if the LiDARs of all candidates have
+        the same `ray_weight`; else `evaluate_classes` takes the mean over the LiDARs of a rig.
+        Raises ValueError: a weight that is negative or of an unknown class, grids of different
+        ROIs, or a stride below 1."""
         check_weights(weights, [*grids])
         weighted = {name: grid for name, grid in grids.items() if weights.get(name, 0) > 0}
         weighted = weighted or dict(grids)
-        asked = detection_probability, occlusion, azimuth_stride
-        source = Tracing(weighted, surrogate, method, *asked)
+        source = Tracing(weighted, surrogate, sensing)
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
             parts = list(threads.map(source.of_candidate, candidates))
         voxels, amounts = [part[0] for part in parts], [part[1] for part in parts]
@@ -90,21 +88,21 @@ class Exposure:
         return self.offsets, self.voxels, self.amounts, self.scale
 
     def total(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Exposure of every voxel to `share` of each candidate, float64, shape (voxels,)."""
+        """Return the exposure of every voxel to `share` of each candidate, shape (voxels,)."""
         total = np.zeros(len(self.gain.profile))
         for candidate in np.flatnonzero(share):
             add_exposure(self.rows, candidate, share[candidate], total)
         return total
 
     def value(self, chosen: Iterable[int]) -> float:
-        """The value of a set of candidates, in nats (`expected_points`: points a frame)."""
+        """Return the value of a set of candidates, in nats (`expected_points`: points a frame)."""
         share = np.zeros(self.candidates)
         share[list(chosen)] = 1.0
         return float(np.sum(gains_of(self.gain.tables, self.total(share))))
 
     @cached_property
     def ladder(self) -> NDArray[np.float64]:
-        """g at 0, 1, 2, ... rays, the last at infinitely many, shape (profiles, rungs).
+        """Gain g at 0, 1, 2, ... rays, the last at infinitely many, shape (profiles, rungs).
 
         For expected_ig, whose formula takes long; empty where the rays of the candidates count
         differently, or where the table would be large."""
@@ -128,7 +126,9 @@ class Exposure:
 
 
 def _joined(parts: list[NDArray[Any]], kind: np.dtype[Any] | type[Any]) -> NDArray[Any]:
-    """The parts one after another, each given free once copied; ones alone take no memory."""
+    """Return the parts one after another, each given free once copied.
+
+    Ones alone take no memory."""
     if parts and all(part.strides == (0,) for part in parts):
         return np.broadcast_to(np.array(1, kind), sum(len(part) for part in parts))
     joined = np.empty(sum(len(part) for part in parts), kind)
@@ -150,7 +150,7 @@ def add_exposure(rows, candidate, share, total):
 
 @njit(cache=True, nogil=True)
 def gains_of(tables, total):
-    """g_v of every voxel at its exposure."""
+    """Return g_v of every voxel at its exposure."""
     gains = np.empty(len(total))
     for v in range(len(total)):
         gains[v] = gain_at(tables, v, total[v])
@@ -159,7 +159,7 @@ def gains_of(tables, total):
 
 @njit(cache=True, nogil=True)
 def _ladder_of(tables, voxels, exposure) -> NDArray[np.float64]:
-    """g of one voxel of every profile at some exposures, shape (profiles, exposures)."""
+    """Return g of one voxel of every profile at some exposures, shape (profiles, exposures)."""
     ladder = np.empty((len(voxels), len(exposure)))
     for n in range(len(voxels)):
         for rung in range(len(exposure)):

@@ -1,4 +1,4 @@
-"""Which sets of candidates may be chosen: resources, budgets, and pairs that exclude each other."""
+"""Feasible sets of candidates: resources, budgets, and pairs that exclude each other."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Limits:
 
     @classmethod
     def at_most(cls, number: int, candidates: int) -> Limits:
-        """At most `number` of the `candidates`, whichever they are."""
+        """Return limits to `number` of the `candidates`, whichever they are."""
         return cls(np.ones((1, candidates)), np.array([float(number)]))
 
     @property
@@ -45,7 +45,7 @@ class Limits:
         return np.asarray((self.used / self.capacity[:, None]).max(axis=0))
 
     def allows(self, chosen: list[int], candidate: int) -> bool:
-        """Whether `candidate` may join the set `chosen`, which is feasible."""
+        """Return whether `candidate` may join the set `chosen`, which is feasible."""
         if self.compatible is not None and not self.compatible[candidate, chosen].all():
             return False
         used = self.used[:, chosen].sum(axis=1) + self.used[:, candidate]
@@ -73,7 +73,7 @@ class Limits:
 
 
 def _cliques(compatible: NDArray[np.bool_]) -> list[list[int]]:
-    """Sets of candidates, each excluding all others of its set; every candidate is in one."""
+    """Return sets of candidates, each excluding all others of its set; each candidate is in one."""
     cliques: list[list[int]] = []
     for candidate in range(len(compatible)):
         for clique in cliques:

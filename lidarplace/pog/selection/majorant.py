@@ -32,9 +32,11 @@ _PART = 1024  # terms summed up before they join the sum, whose error stays belo
 
 @dataclass(frozen=True, eq=False)
 class Majorant:
-    """A line or steps for every voxel; arrays are float64, shape (voxels,): `constant`, where no
-    candidate adds anything; `slopes` of the lines, or -1 for steps; `start`, the exposure at which
-    steps start, in rungs of the ladder if there is one."""
+    """A line or steps for every voxel.
+
+    Arrays are float64, shape (voxels,): `constant`, where no candidate adds anything; `slopes` of
+    the lines, or -1 for steps; `start`, the exposure at which steps start, in rungs of the ladder
+    if there is one."""
 
     exposure: Exposure
     constant: NDArray[np.float64]
@@ -43,7 +45,9 @@ class Majorant:
 
     @classmethod
     def of_set(cls, exposure: Exposure, chosen: Sequence[int]) -> Majorant:
-        """What candidates add to a set; its `constant` are the gains of the set."""
+        """Return the majorant of what candidates add to a set.
+
+        Its `constant` are the gains of the set."""
         share = np.zeros(exposure.candidates)
         share[list(chosen)] = 1.0
         total = exposure.total(share)
@@ -56,7 +60,9 @@ class Majorant:
 
     @classmethod
     def at(cls, exposure: Exposure, share: NDArray[np.float64]) -> Majorant:
-        """Low where `share` of each candidate is chosen, shape (candidates,), in [0, 1].
+        """Return a majorant that is low where `share` of each candidate is chosen.
+
+        `share` has shape (candidates,), in [0, 1].
 
         Lines touch g_v at the exposure t to all shares. As no candidate adds less than the least
         exposure, where t is smaller the line may go through 0 and g_v there, which is lower. Steps
@@ -74,20 +80,23 @@ class Majorant:
                 gains = gains_of(tables, exposed * _unit(exposure))
                 reached = gains.copy()
                 for e in np.flatnonzero(share):
-                    _climb(rows, e, tables, ladder, share[e], exposed, gains, reached)
+                    _climb(rows, (e, share[e]), tables, ladder, exposed, gains, reached)
                 low = reached < value
                 value[low], constant[low], start[low] = reached[low], gains[low], exposed[low]
                 slopes[low] = _STEPS
         return cls(exposure, constant, slopes, start)
 
     def added(self, candidate: int, edges: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
-        """What a candidate adds, by blocks of voxels `edges[b]` to `edges[b + 1]`, (blocks,)."""
+        """Return the gain of a candidate, by blocks of voxels, shape (blocks,).
+
+        Block b is `edges[b]` to `edges[b + 1]`; None: one block of all voxels."""
         edges = np.array([0, len(self.constant)]) if edges is None else edges
-        own, steps = self.exposure, (self.constant, self.slopes, self.start)
-        return _added(own.rows, candidate, own.gain.tables, own.ladder, *steps, edges)
+        exposure, lines = self.exposure, (self.constant, self.slopes, self.start)
+        tables = exposure.gain.tables, exposure.ladder
+        return _added(exposure.rows, candidate, *tables, lines, edges)
 
     def cut(self, blocks: int) -> Cut:
-        """The sums over blocks of voxels."""
+        """Return the sums over blocks of voxels."""
         edges = np.linspace(0, len(self.constant), blocks + 1).astype(np.int64)
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
             parts = threads.map(lambda e: self.added(e, edges), range(self.exposure.candidates))
@@ -103,9 +112,11 @@ class VoxelChoice(SubmodularChoice):
 
     @property
     def candidates(self) -> int:
+        """Number of candidates."""
         return self.exposure.candidates
 
     def value(self, chosen: Sequence[int]) -> float:
+        """Return the value of a set of candidates."""
         return self.exposure.value(chosen)
 
     def _added_to(self, chosen: Sequence[int]) -> Added:
@@ -120,12 +131,12 @@ class VoxelChoice(SubmodularChoice):
 
 
 def _unit(exposure: Exposure) -> float:
-    """Exposure of a rung of the ladder; 1 where there is none."""
+    """Return the exposure of a rung of the ladder; 1 where there is none."""
     return float(exposure.scale[0]) if exposure.ladder.size else 1.0
 
 
 def _start(exposure: Exposure, total: NDArray[np.float64]) -> NDArray[np.float64]:
-    """An exposure near `total` from which steps may start: a rung of the ladder if there is one."""
+    """Return an exposure near `total` from which steps may start: a rung of the ladder if any."""
     return np.rint(total / _unit(exposure)) if exposure.ladder.size else total
 
 
@@ -141,9 +152,9 @@ def _lines(tables, total, least, constant, slopes):
 
 
 @njit(cache=True, nogil=True)
-def _climb(rows, candidate, tables, ladder, share, start, gains, reached):
-    """Add `share` of what a candidate adds by steps to `reached`."""
-    offsets, voxels, amounts, scale = rows
+def _climb(rows, part, tables, ladder, start, gains, reached):
+    """Add a part, a candidate and its share, of what it adds by steps to `reached`."""
+    (offsets, voxels, amounts, scale), (candidate, share) = rows, part
     profile, top, scaled = tables[1], ladder.shape[1] - 1, scale[candidate]
     for n in range(offsets[candidate], offsets[candidate + 1]):
         v = voxels[n]
@@ -155,8 +166,8 @@ def _climb(rows, candidate, tables, ladder, share, start, gains, reached):
 
 
 @njit(cache=True, nogil=True)
-def _added(rows, candidate, tables, ladder, constant, slopes, start, edges) -> NDArray[np.float64]:
-    offsets, voxels, amounts, scale = rows
+def _added(rows, candidate, tables, ladder, lines, edges) -> NDArray[np.float64]:
+    (offsets, voxels, amounts, scale), (constant, slopes, start) = rows, lines
     profile, top, scaled = tables[1], ladder.shape[1] - 1, scale[candidate]
     added = np.zeros(len(edges) - 1)
     n, last = offsets[candidate], offsets[candidate + 1]

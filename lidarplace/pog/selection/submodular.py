@@ -59,9 +59,10 @@ class Greedy:
 
 @dataclass(frozen=True, eq=False)
 class UpperBound:
-    """No feasible set has a larger value; `by_gains` is the best bound by marginal gains alone,
-    `history` the best so far after every round: columns `seconds`, `bound`, `kind` (`gains` or
-    `cuts`)."""
+    """Bound that the value of no feasible set exceeds.
+
+    `by_gains` is the best bound by marginal gains alone, `history` the best so far after every
+    round: columns `seconds`, `bound`, `kind` (`gains` or `cuts`)."""
 
     value: float
     by_gains: float
@@ -78,22 +79,22 @@ class SubmodularChoice(ABC):
 
     @abstractmethod
     def value(self, chosen: Sequence[int]) -> float:
-        """The value of a set of candidates."""
+        """Return the value of a set of candidates."""
 
     @abstractmethod
     def _added_to(self, chosen: Sequence[int]) -> Added:
-        """What a further candidate adds to a set."""
+        """Return a function of a further candidate: its gain, added to a set."""
 
     @abstractmethod
     def _cut_of_set(self, chosen: Sequence[int], blocks: int) -> Cut:
-        """What each candidate adds to a set, and what the set is worth, by blocks."""
+        """Return the gain of each candidate, added to a set, and its value, by blocks."""
 
     @abstractmethod
     def _tangent(self, share: NDArray[np.float64], blocks: int) -> Cut:
-        """A cut that is low where `share` of each candidate is chosen, shape (candidates,)."""
+        """Return a cut that is low where `share` of each candidate, (candidates,), is chosen."""
 
     def gains(self, chosen: Sequence[int] = ()) -> NDArray[np.float64]:
-        """What each candidate adds to the set `chosen`, shape (candidates,)."""
+        """Return the gain of each candidate, added to the set `chosen`, shape (candidates,)."""
         return np.asarray(self._cut_of_set(chosen, 1).slopes[0])
 
     def greedy(self, limits: Limits) -> Greedy:
@@ -128,8 +129,8 @@ class SubmodularChoice(ABC):
         added_now = self._added_to(chosen)
         evaluations = len(singles)
         # Largest known gain first, then the lower number; and the size of the set it is of.
-        known = enumerate(singles.tolist())
-        heap = [(-gain / cost[e], e, 0, gain) for e, gain in known if gain > 0]
+        numbered = enumerate(singles.tolist())
+        heap = [(-gain / cost[e], e, 0, gain) for e, gain in numbered if gain > 0]
         heapq.heapify(heap)
         while heap:
             _, candidate, size, gain = heapq.heappop(heap)
@@ -154,7 +155,7 @@ class SubmodularChoice(ABC):
         relative_gap: float = 1e-4,
         blocks: int = BLOCKS,
     ) -> UpperBound:
-        """No set of candidates that `limits` allow is worth more.
+        """Return a bound on the value of every set of candidates that `limits` allow.
 
         `chosen` are candidates in the order of `greedy`: what all others add to each of its
         prefixes makes the first cuts (Nemhauser and Wolsey 1981, Maximizing submodular set
@@ -167,7 +168,7 @@ class SubmodularChoice(ABC):
         cuts: list[Cut] = []
 
         def note(bound: float, kind: str) -> float:
-            best = min([bound * (1 + _ROUNDING), *(known for _, known, _ in history)])
+            best = min([bound * (1 + _ROUNDING), *(earlier for _, earlier, _ in history)])
             history.append((time.perf_counter() - start, best, kind))
             return best
 
@@ -178,18 +179,18 @@ class SubmodularChoice(ABC):
             whole = Cut(cut.constant.sum(keepdims=True), cut.slopes.sum(0, keepdims=True))
             by_gains = note(highest([whole], limits)[0], "gains")
         best = by_gains
-        middle, reached = np.zeros(limits.candidates), 0.0
+        best_share, reached = np.zeros(limits.candidates), 0.0
         while time.perf_counter() - start < seconds:
             bound, share = highest(cuts, limits)
             best = note(bound, "cuts")
             if best - reached <= relative_gap * best:
                 break
             # Halfway to the best point known the cuts settle sooner than at the corner.
-            share = (share + middle) / 2
+            share = (share + best_share) / 2
             cuts.append(self._tangent(share, blocks))
             value = float((cuts[-1].constant + cuts[-1].slopes @ share).sum())
             if value > reached:
-                middle, reached = share, value
+                best_share, reached = share, value
         table = pd.DataFrame(history, columns=["seconds", "bound", "kind"])
         return UpperBound(best, by_gains, table)
 

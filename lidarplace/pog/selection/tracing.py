@@ -1,4 +1,4 @@
-"""What single candidates give to the occupied voxels: coverage, rays, chances to be missed."""
+"""Tracing of single candidates through occupied voxels: coverage, rays, chances to be missed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
 from lidarplace.base.roi import Roi
-from lidarplace.coverage import Method, covered_bits, rays_of
+from lidarplace.coverage import covered_bits, rays_of
 from lidarplace.coverage.rays import ray_counts, ray_weight
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.pog.occupancy.grid import OccupancyGrid
@@ -21,6 +21,7 @@ from lidarplace.pog.surrogates.evaluate import (
     occupied_tiles,
 )
 from lidarplace.pog.surrogates.formulas import log_miss_of_ray
+from lidarplace.pog.surrogates.inputs import Sensing
 from lidarplace.rigs.placement import Placement
 
 Objective = Literal["covered_entropy", "expected_ig", "expected_points"]
@@ -44,15 +45,10 @@ class Tracing:
     """Exposures of single candidates."""
 
     def __init__(
-        self,
-        grids: Mapping[str, OccupancyGrid],
-        surrogate: Objective,
-        method: Method,
-        q: float,
-        occlusion: bool,
-        azimuth_stride: int,
+        self, grids: Mapping[str, OccupancyGrid], surrogate: Objective, sensing: Sensing
     ) -> None:
-        self.grids, self.method, self.azimuth_stride = grids, method, azimuth_stride
+        method, q, occlusion = sensing.method, sensing.detection_probability, sensing.occlusion
+        self.grids, self.method, self.azimuth_stride = grids, method, sensing.azimuth_stride
         self.roi = common_roi(grids)
         self.tiles: Tiles = occupied_tiles(grids)
         self.occupied: Roi = occupied_layers(self.roi, self.tiles, rays_of(method))
@@ -63,37 +59,39 @@ class Tracing:
         self.informs = surrogate == "expected_ig" and not self.certain
         names = [[name] for name in grids] if self.occlusion else [list(grids)]
         self.blocks: list[Block] = []
-        for own in names:
+        for classes in names:
             first = sum(len(block.places) for block in self.blocks)
-            self.blocks.append(self._block(own, first))
+            self.blocks.append(self._block(classes, first))
 
     @property
     def shape(self) -> Shape:
-        """If every ray detects, one is as good as many."""
+        """Shape of the gain of a voxel; if every ray detects, one is as good as many."""
         if self.covers or self.certain:
             return "cover"
         return "information" if self.informs else "linear"
 
-    def _block(self, own: Sequence[str], first: int) -> Block:
+    def _block(self, classes: Sequence[str], first: int) -> Block:
         layers = self.occupied.shape[2]
-        occupied = np.logical_or.reduce([self.grids[name].counts[..., :layers] > 0 for name in own])
+        occupied = np.logical_or.reduce(
+            [self.grids[name].counts[..., :layers] > 0 for name in classes]
+        )
         places = np.flatnonzero(np.ascontiguousarray(occupied.transpose(2, 0, 1)))
         k, i, j = np.unravel_index(places, (layers, *self.roi.shape[:2]))
         counts = np.zeros((len(self.grids), len(places)), np.int32)
         for c, (name, grid) in enumerate(self.grids.items()):
-            if name in own:
+            if name in classes:
                 counts[c] = grid.counts[i, j, k]
         return Block(places, counts, first)
 
     def scale(self, candidate: Placement) -> float:
-        """What an amount of `of_candidate` counts."""
+        """Return the exposure that an amount of `of_candidate` counts."""
         if self.shape == "cover" or self.occlusion:
             return 1.0
         weight = ray_weight(candidate, self.azimuth_stride)
         return -weight * log_miss_of_ray(self.q) if self.informs else weight
 
     def of_candidate(self, candidate: Placement) -> tuple[NDArray[np.uint32], NDArray[Any]]:
-        """Voxels and amounts of one candidate."""
+        """Return voxels and amounts of one candidate."""
         if self.covers:
             bits = covered_bits(candidate, self.roi, self.method, self.tiles)
             voxels = _covered(bits.reshape(len(bits), -1), self.blocks[0].places)
@@ -107,20 +105,20 @@ class Tracing:
             return voxels, np.minimum(amounts, 1 if self.certain else np.inf).astype(exact)
         parts = []
         for block, grid in zip(self.blocks, self.grids.values(), strict=True):
-            own = candidate, self.occupied, method, self.q, self.azimuth_stride
-            voxels, amounts = _exposed(_in_layers(-log_miss_in(grid, *own)), block.places)
+            settings = candidate, self.occupied, method, self.q, self.azimuth_stride
+            voxels, amounts = _exposed(_in_layers(-log_miss_in(grid, *settings)), block.places)
             parts.append((voxels + np.uint32(block.first), np.minimum(amounts, SATURATED)))
         return np.concatenate([v for v, _ in parts]), np.concatenate([a for _, a in parts])
 
 
 def _in_layers(by_voxel: NDArray[Any]) -> NDArray[Any]:
-    """From (nx, ny, layers) to the order of `Block.places`; rays are counted in it, no copy."""
+    """Return (nx, ny, layers) in the order of `Block.places`; rays are counted in it, no copy."""
     return by_voxel.transpose(2, 0, 1).reshape(-1)
 
 
 @njit(cache=True, nogil=True)
 def _covered(bits, places):
-    """Numbers of the places that are covered; bits of shape (words, nx * ny)."""
+    """Return numbers of the places that are covered; bits of shape (words, nx * ny)."""
     voxels = np.empty(len(places) + 1, np.uint32)
     columns = bits.shape[1]
     size, layer = np.int64(0), 0
@@ -135,7 +133,7 @@ def _covered(bits, places):
 
 @njit(cache=True, nogil=True)
 def _exposed(amount, places):
-    """Numbers and amounts of the places whose amount is positive."""
+    """Return numbers and amounts of the places whose amount is positive."""
     voxels, amounts = np.empty(len(places) + 1, np.uint32), np.empty(len(places) + 1, amount.dtype)
     size = 0
     for v in range(len(places)):

@@ -1,4 +1,4 @@
-"""What a voxel is worth by how much it is exposed to rays: a concave function that starts at 0.
+"""Gain of a voxel by its exposure to rays: a concave function that starts at 0.
 
 Exposures of candidates add up, so the value of a set is `sum over v of g_v(exposure of v)`, and
 monotone and submodular because every g_v is concave and does not fall."""
@@ -49,13 +49,13 @@ class VoxelGain:
         weights: Mapping[str, float],
         counts: NDArray[np.int32],
     ) -> VoxelGain:
-        """From the `counts` of each class of `grids` in the voxels, shape (classes, voxels)."""
+        """Return gains by the counts of each class in the voxels, shape (classes, voxels)."""
         profile, of_profile = _profiles(counts)
         frames = np.array([grid.frames for grid in grids.values()])
         weight = np.array([weights.get(name, 0) for name in grids], np.float64)
         p, rest = of_profile / frames, (frames - of_profile) / frames
         each = zip(of_profile.T, frames.tolist(), strict=True)
-        entropy = [entropy_of_counts(own, number) for own, number in each]
+        entropy = [entropy_of_counts(counts_of_class, number) for counts_of_class, number in each]
         worth = p @ weight if shape == "linear" else np.stack(entropy, axis=1) @ weight
         return cls(shape, profile, worth, p, rest, weight)
 
@@ -66,7 +66,7 @@ class VoxelGain:
 
 
 def _profiles(counts: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Profile of every voxel, and the counts of a profile, shape (profiles, classes)."""
+    """Return the profile of every voxel, and the counts of a profile, shape (profiles, classes)."""
     profile = np.zeros(counts.shape[1], np.int64)
     for row in counts:
         values, place = np.unique(row, return_inverse=True)
@@ -77,7 +77,7 @@ def _profiles(counts: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.
 
 @inner
 def gain_at(tables, v, m):
-    """g_v(m)."""
+    """Return g_v(m)."""
     shape, profile, worth, p, rest, weights = tables
     a = profile[v]
     if shape == COVER:
@@ -94,7 +94,7 @@ def gain_at(tables, v, m):
 
 @inner
 def slope_at(tables, v, m):
-    """A slope s with `g_v(m) + s (t - m) >= g_v(t)` for all t."""
+    """Return a slope s with `g_v(m) + s (t - m) >= g_v(t)` for all t."""
     shape, profile, worth, p, rest, weights = tables
     a = profile[v]
     if shape == COVER:

@@ -30,8 +30,8 @@ from lidarplace.pog.surrogates.formulas import (
     expected_points,
     log_miss_of_ray,
 )
+from lidarplace.pog.surrogates.inputs import SurrogateInputs
 from lidarplace.pog.surrogates.result import CoveredVoxels, Surrogates
-from lidarplace.pog.surrogates.seen import Seen
 from lidarplace.pog.surrogates.table import POG_SURROGATES, RAY_SURROGATES, SURROGATES
 from lidarplace.rigs.placement import Placement
 
@@ -46,9 +46,11 @@ def evaluate(
     occlusion: bool = False,
     azimuth_stride: int = 1,
 ) -> Surrogates:
-    """Surrogates of `placement` for the class of `grid`.
+    """Compute the surrogates of `placement` for the class of `grid`.
 
     Args:
+        grid: POG of one class.
+        placement: the rig.
         method: how coverage is computed, see `lidarplace.coverage.coverage`.
         azimuth_steps: rays of a beam in one turn instead of the LiDAR's own number; a pattern stays
             as it is.
@@ -61,12 +63,13 @@ def evaluate(
 
     Raises ValueError: an unknown method or surrogate, q outside (0, 1], or a stride below 1."""
     check_grid(grid)
-    asked = (azimuth_steps, surrogates, detection_probability, occlusion, azimuth_stride)
-    return evaluate_classes({grid.object_class: grid}, placement, method, *asked)[grid.object_class]
+    settings = (azimuth_steps, surrogates, detection_probability, occlusion, azimuth_stride)
+    results = evaluate_classes({grid.object_class: grid}, placement, method, *settings)
+    return results[grid.object_class]
 
 
 def check_grid(grid: OccupancyGrid) -> None:
-    """Raise ValueError unless it is one."""
+    """Raise ValueError unless `grid` is an OccupancyGrid."""
     if not isinstance(grid, OccupancyGrid):
         raise InputError(key="grid", expected="an OccupancyGrid", found=reprlib.repr(grid))
 
@@ -74,7 +77,7 @@ def check_grid(grid: OccupancyGrid) -> None:
 def evaluate_many(
     grids: Mapping[str, OccupancyGrid], placements: Sequence[Placement], **options: Any
 ) -> list[dict[str, Surrogates]]:
-    """`evaluate_classes` for many placements on all cores, in the order of `placements`.
+    """Run `evaluate_classes` for many placements on all cores, in the order of `placements`.
 
     A sensor that several placements share is covered once. Threads are as many as numba's
     (`NUMBA_NUM_THREADS`). `options` are the keywords of `evaluate_classes`."""
@@ -85,8 +88,9 @@ def evaluate_many(
 
 
 def compare(placements: Sequence[Placement], grid: OccupancyGrid, **options: Any) -> pd.DataFrame:
-    """Surrogates of several placements for the class of `grid`: a row a placement, in the order
-    given, a column a surrogate that was computed.
+    """Compute surrogates of several placements for the class of `grid`.
+
+    A row is a placement, in the order given, a column a surrogate that was computed.
 
     `options` are the keywords of `evaluate_classes`, such as `surrogates=["expected_ig"]`. Raises
     ValueError if two placements have one name, or as `evaluate`."""
@@ -94,10 +98,10 @@ def compare(placements: Sequence[Placement], grid: OccupancyGrid, **options: Any
     names = pd.Index([placement.name for placement in placements], name="placement")
     if (twice := names[names.duplicated()]).size:
         raise InputError("duplicate name", key="placements", found=repr(twice[0]))
-    found = evaluate_many({grid.object_class: grid}, placements, **options)
-    own = [result[grid.object_class] for result in found]
-    shown = POG_SURROGATES.among((*SURROGATES.own, *own[0].values))
-    values = {name: [result[name] for result in own] for name in shown}
+    results = evaluate_many({grid.object_class: grid}, placements, **options)
+    of_class = [result[grid.object_class] for result in results]
+    computed = POG_SURROGATES.among((*SURROGATES.own, *of_class[0].values))
+    values = {name: [result[name] for result in of_class] for name in computed}
     return pd.DataFrame(values, index=names).dropna(axis="columns", how="all")
 
 
@@ -111,23 +115,19 @@ def evaluate_classes(
     occlusion: bool = False,
     azimuth_stride: int = 1,
 ) -> dict[str, Surrogates]:
-    """`evaluate` for several classes on one ROI; what does not depend on the class is done once.
+    """Run `evaluate` for several classes on one ROI; work that all classes share is done once.
 
     `seconds` of each class is the common part plus its own, without what depends on the POG alone,
     which is computed with the first placement and kept."""
-    if not isinstance(placement, Placement):
-        one, found = "a Placement, such as PAPER_PLACEMENTS['line']", reprlib.repr(placement)
-        raise InputError(key="placement", expected=one, found=found)
-    if isinstance(surrogates, str):
-        several = f"a list, such as [{surrogates!r}]"
-        raise InputError(key="surrogates", expected=several, found=repr(surrogates))
-    _check_names(surrogates)
+    _check_arguments(placement, surrogates)
     check_method(method)
     _check_probability(detection_probability)
     roi = common_roi(grids)
     if azimuth_steps is not None:
         placement = placement.each_lidar(
-            lambda own: replace(own, azimuth_steps=azimuth_steps) if own.pattern is None else own
+            lambda lidar: (
+                replace(lidar, azimuth_steps=azimuth_steps) if lidar.pattern is None else lidar
+            )
         )
     tiles = occupied_tiles(grids)
     for grid in grids.values():
@@ -136,20 +136,20 @@ def evaluate_classes(
     start = time.perf_counter()
     ray_method = rays_of(method)
     computed = {
-        name: own.of_seen
+        name: entry.of_seen
         for name in dict.fromkeys((*SURROGATES.own, *surrogates))
-        if (own := SURROGATES[name]).of_seen and (name in surrogates or not own.needs_rays)
+        if (entry := SURROGATES[name]).of_seen and (name in surrogates or not entry.needs_rays)
     }
     same_rays = method == ray_method and azimuth_stride == 1
     occupied = occupied_layers(roi, tiles, ray_method)
-    counts, asked = None, [SURROGATES[name] for name in computed]
-    if any(one.needs_rays and not (occlusion and one.occludes) for one in asked):
+    counts, entries = None, [SURROGATES[name] for name in computed]
+    if any(entry.needs_rays and not (occlusion and entry.occludes) for entry in entries):
         counts = ray_counts(placement, roi if same_rays else occupied, ray_method, azimuth_stride)
     if counts is not None and same_rays:
         covered = pack(counts > 0)
     else:
         covered = covered_bits(placement, roi, method, tiles)
-    # Rays pass all voxels anyway; cones are followed there if somebody wants to know.
+    # Rays pass all voxels anyway; cones are followed there once the number is read.
     whole = functools.partial(count_covered, placement, roi, method)
     if method != "cone":
         whole = functools.partial(int, np.bitwise_count(covered).sum())
@@ -166,8 +166,8 @@ def evaluate_classes(
             for name, compute in computed.items()
         }
         nonzero, seconds = int(seen.covered.sum()), common + time.perf_counter() - start
-        found = Surrogates(placement, roi, method, values, voxels, nonzero, seconds)
-        results[object_class] = found
+        result = Surrogates(placement, roi, method, values, voxels, nonzero, seconds)
+        results[object_class] = result
     return results
 
 
@@ -177,9 +177,11 @@ def _seen(
     counts: NDArray[np.int32] | None,
     rays: tuple[Placement, Roi, RayMethod, float, int],
     occlusion: bool,
-) -> Seen:
-    """What is seen of a class: `covered` voxels by level, and `counts` of rays through every voxel,
-    None if nobody needs these; `rays` as of `log_miss_in`."""
+) -> SurrogateInputs:
+    """Return the inputs of the surrogates of a class.
+
+    `covered` are voxels by level, and `counts` rays through every voxel, None if no surrogate needs
+    these; `rays` are those of `log_miss_in`."""
     placement, _, _, q, stride = rays
 
     @functools.cache
@@ -194,7 +196,7 @@ def _seen(
         log_miss = ray_weight(placement, stride) * log_miss_of_ray(q)
         return expected_ig(grid.frames, crossings(), log_miss)
 
-    return Seen(
+    return SurrogateInputs(
         frames=grid.frames,
         counts=grid.levels.counts,
         voxels=grid.levels.total,
@@ -215,7 +217,7 @@ def log_miss_in(
     q: float,
     azimuth_stride: int,
 ) -> NDArray[np.float64]:
-    """`log_miss` of the class of a grid in its `occupied_layers`."""
+    """Return `log_miss` of the class of a grid in its `occupied_layers`."""
     counts = grid.counts[..., : occupied.shape[2]]
     return log_miss(placement, occupied, method, counts, grid.frames, q, azimuth_stride)
 
@@ -271,7 +273,7 @@ def _expected_ig_of_rays(
 
 
 def common_roi(grids: Mapping[str, OccupancyGrid]) -> Roi:
-    """The ROI of all classes. Raises ValueError if they differ."""
+    """Return the ROI of all classes. Raises ValueError if they differ."""
     rois = {grid.roi for grid in grids.values()}
     if len(rois) != 1:
         raise InputError(key="grids", expected="one ROI", found=len(rois))
@@ -279,27 +281,36 @@ def common_roi(grids: Mapping[str, OccupancyGrid]) -> Roi:
 
 
 def occupied_tiles(grids: Mapping[str, OccupancyGrid]) -> Tiles:
-    """Where any of the classes is."""
+    """Return the tiles in which any of the classes is."""
     return functools.reduce(Tiles.__or__, (grid.levels.tiles for grid in grids.values()))
 
 
 def occupied_layers(roi: Roi, tiles: Tiles, method: RayMethod) -> Roi:
-    """`roi` up to the highest layer that matters; the whole for `bresenham`, whose lines depend on
-    where they leave it."""
+    """Return `roi` up to the highest layer that matters; the whole for `bresenham`.
+
+    Its lines depend on where they leave the ROI."""
     if method == "bresenham":
         return roi
     layers = max(1, int(tiles.highest.max()) + 1)
     return replace(roi, z=(roi.z[0], roi.z[0] + layers * roi.resolution))
 
 
-def _check_names(surrogates: Collection[str]) -> None:
-    """Raise ValueError for what cannot be asked for, or for a plug-in that is broken."""
+def _check_arguments(placement: Placement, surrogates: Collection[str]) -> None:
+    """Raise ValueError for another kind of argument, an unknown name, or a broken plug-in."""
+    if not isinstance(placement, Placement):
+        example = "a Placement, such as PAPER_PLACEMENTS['line']"
+        raise InputError(key="placement", expected=example, found=reprlib.repr(placement))
+    if isinstance(surrogates, str):
+        several = f"a list, such as [{surrogates!r}]"
+        raise InputError(key="surrogates", expected=several, found=repr(surrogates))
     for name in surrogates:
         plug_in = SURROGATES.path(name) is not None and not SURROGATES[name].of_objects
         if not plug_in and name not in RAY_SURROGATES.own:
-            known = f"{', '.join(RAY_SURROGATES.own)} (the others are always computed) or a plug-in"
+            choices = (
+                f"{', '.join(RAY_SURROGATES.own)} (the others are always computed) or a plug-in"
+            )
             found = f"{name!r}{did_you_mean(name, RAY_SURROGATES.own)}"
-            raise InputError(key="surrogates", expected=known, found=found)
+            raise InputError(key="surrogates", expected=choices, found=found)
 
 
 def _check_probability(q: float) -> None:

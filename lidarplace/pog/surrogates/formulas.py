@@ -16,7 +16,7 @@ _TABLE = 2**20  # entries: 8 MB
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """How many voxels are occupied in the same number of frames and crossed by as many rays.
+    """Number of voxels by frames in which they are occupied and rays that cross them.
 
     Attributes:
         counts, rays: the different pairs, which are few, int64, shape (pairs,).
@@ -28,7 +28,7 @@ class Crossings:
 
     @classmethod
     def of_grid(cls, grid: OccupancyGrid, rays: NDArray[np.integer]) -> Crossings:
-        """`rays` through the voxels of the grid, shape (nx, ny, layers).
+        """Count pairs for `rays` through the voxels of the grid, shape (nx, ny, layers).
 
         Layers above the highest occupied voxel may be missing; ValueError for another shape."""
         levels = grid.levels
@@ -74,7 +74,7 @@ def _list_crossed(rays, first, voxels, level, level_of_voxel, rays_of_voxel):
 
 
 def expected_points(frames: int, crossings: Crossings, ray_weight: float) -> float:
-    """`sum of m(v) p(v)`: rays that meet an object in one of `frames`, if nothing hid anything.
+    """Return `sum of m(v) p(v)`: rays that meet an object in a frame, if nothing hid it.
 
     `ray_weight` rays stand behind each one traced. Products of integers are summed without
     error."""
@@ -83,12 +83,14 @@ def expected_points(frames: int, crossings: Crossings, ray_weight: float) -> flo
 
 
 def log_miss_of_ray(q: float) -> float:
-    """`ln(1 - q)`, for a ray that detects what it crosses with probability q; -inf for q = 1."""
+    """Return `ln(1 - q)`, for a ray that detects what it crosses with probability q.
+
+    It is -inf for q = 1."""
     return math.log1p(-q) if q < 1 else -math.inf
 
 
 def expected_ig(frames: int, crossings: Crossings, log_miss: float) -> float:
-    """Mutual information, in nats, between occupancy and a sensor that can miss.
+    """Return the mutual information, in nats, between occupancy and a sensor that can miss.
 
     With `d = 1 - (1 - q)^m` the probability that an object in v is detected, no false alarms: `I(v)
     = H(p) - (1 - p d) h(p (1 - d) / (1 - p d))`, h the binary entropy; the sum over v. `log_miss`:
@@ -99,7 +101,7 @@ def expected_ig(frames: int, crossings: Crossings, log_miss: float) -> float:
 
 
 def expected_ig_with_occlusion(grid: OccupancyGrid, log_miss: NDArray[np.float64]) -> float:
-    """`expected_ig` with `1 - d = prod over rays of (1 - q w)` of every voxel.
+    """Return `expected_ig` with `1 - d = prod over rays of (1 - q w)` of every voxel.
 
     `log_miss`: `ln(1 - d)`, shape (nx, ny, layers), see `lidarplace.coverage.rays.log_miss`; layers
     above the highest occupied voxel may be missing."""
@@ -112,7 +114,7 @@ def expected_ig_with_occlusion(grid: OccupancyGrid, log_miss: NDArray[np.float64
 
 @njit(cache=True, nogil=True)
 def information(p, rest, log_miss):
-    """I(v) of `expected_ig` for arrays of p > 0, rest = 1 - p and log_miss = ln(1 - d) < 0."""
+    """Return I(v) of `expected_ig` for arrays of p > 0, 1 - p and log_miss = ln(1 - d) < 0."""
     result = np.empty(len(p))
     for i in range(len(p)):
         result[i] = information_at(p[i], rest[i], log_miss[i])
@@ -121,7 +123,7 @@ def information(p, rest, log_miss):
 
 @inner
 def information_at(p, rest, log_miss):
-    """I(v) without the difference of two entropies, which cancels where d, p or 1 - p is small.
+    """Return I(v) without a difference of entropies, which cancels where d, p or 1 - p is small.
 
     With g(x) = (1 - x) ln(1 - x) + x, and 1 - p d the probability that nothing is detected:
     `I = -p d ln p + p g(d) - g(p d)` for small p, and
@@ -140,7 +142,7 @@ def information_at(p, rest, log_miss):
 
 @inner
 def _g(x, left):
-    """(1 - x) ln(1 - x) + x for left = 1 - x."""
+    """Return (1 - x) ln(1 - x) + x for left = 1 - x."""
     if x < 1e-3:  # series: x^2/2 + x^3/6 + x^4/12 + ..., next term below 1e-16 relative
         series = 1 / 2 + x * (1 / 6 + x * (1 / 12 + x * (1 / 20 + x * (1 / 30 + x / 42))))
         return x * x * series

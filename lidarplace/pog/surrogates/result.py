@@ -19,14 +19,15 @@ from lidarplace.rigs.placement import Placement
 
 @dataclass(frozen=True)
 class CoveredVoxels:
-    """Covered voxels of the whole ROI, those included in which no object ever was: counted when the
-    number is first read, once for all classes."""
+    """Covered voxels of the whole ROI, also those in which no object ever was.
+
+    They are counted when the number is first read, once for all classes."""
 
     count: Callable[[], int]
 
     @cached_property
     def number(self) -> int:
-        """How many there are."""
+        """Number of covered voxels."""
         return self.count()
 
 
@@ -73,7 +74,7 @@ class Surrogates(_Named, Plottable):
         return SURROGATES.number(name, partial(of_others, self), rig)
 
     def asked(self, name: str) -> float:
-        """The value of a surrogate that was asked for."""
+        """Return the value of a surrogate that was asked for."""
         value = self[name]
         assert value is not None, name
         return value
@@ -86,8 +87,8 @@ class Surrogates(_Named, Plottable):
             return self[name]
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{name}={value:.6g}" for name, value in self.values.items())
-        return f"Surrogates({self.placement.name!r} by {self.method}: {told})"
+        numbers = ", ".join(f"{name}={value:.6g}" for name, value in self.values.items())
+        return f"Surrogates({self.placement.name!r} by {self.method}: {numbers})"
 
     def _repr_html_(self) -> str:
         rows = [
@@ -103,7 +104,7 @@ class Surrogates(_Named, Plottable):
 
 
 def sum_over_classes(results: Mapping[str, Surrogates]) -> Surrogates:
-    """The sum of every surrogate over the classes, as the paper compares it with recall.
+    """Return the sum of every surrogate over the classes, as the paper compares it with recall.
 
     "Since the recall is calculated for all Cars, Vans and Cyclists, our total information gain
     surrogate metric is the sum of S-MIG of Car, Van and Cyclist" (appendix). `m_sog` divides the

@@ -1,4 +1,4 @@
-"""How far a surrogate may be off because the POG was counted over these frames and no others.
+"""Sampling error of surrogates: the POG was counted over these frames and no others.
 
 Frames that follow each other show the same objects, so blocks of consecutive frames of one route
 are drawn with replacement (moving traffic forgets itself within a block), and every surrogate is
@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
-from lidarplace.coverage import Method, coverage, rays_of
+from lidarplace.coverage import coverage, rays_of
 from lidarplace.coverage.rays import log_miss, ray_counts
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import frame_keys
 from lidarplace.pog.occupancy.block_counts import BlockCounts
 from lidarplace.pog.occupancy.entropy import entropy_of_counts
@@ -34,8 +35,8 @@ from lidarplace.pog.surrogates.formulas import (
     information,
     log_miss_of_ray,
 )
+from lidarplace.pog.surrogates.inputs import Sensing, SurrogateInputs
 from lidarplace.pog.surrogates.result import CoveredVoxels, Surrogates
-from lidarplace.pog.surrogates.seen import Seen
 from lidarplace.pog.surrogates.table import ASKED_OF_POG, POG_SURROGATES, SURROGATES
 from lidarplace.rigs.placement import Placement
 
@@ -56,106 +57,144 @@ class SamplingError:
     resamples: pd.DataFrame
 
 
+@dataclass(frozen=True)
+class Bootstrap:
+    """Settings of a bootstrap: about how many blocks, how many draws of as many, and the seed."""
+
+    blocks: int = 40
+    resamples: int = 200
+    seed: int = 0
+
+    def draws(self, lengths: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return how often each block is taken: once in the log itself, then by each draw."""
+        if self.resamples < 2:
+            raise InputError(key="resamples", expected="at least 2", found=self.resamples)
+        if len(lengths) < 2:
+            few = f"{len(lengths)} of {lengths.sum()} frames"
+            raise InputError(key="blocks", expected="at least 2", found=few)
+        shares = np.full(len(lengths), 1 / len(lengths))
+        rng = np.random.default_rng(self.seed)
+        drawn = rng.multinomial(len(lengths), shares, self.resamples)
+        return np.vstack([np.ones_like(lengths), drawn])
+
+
 def pog_sampling_error(
-    boxes: pd.DataFrame,
-    frames: pd.DataFrame,
+    log: BoxLog,
     roi: Roi,
     classes: Collection[str],
     placement: Placement,
-    method: Method = "cone",
-    detection_probability: float = 0.1,
-    occlusion: bool = False,
-    blocks: int = 40,
-    resamples: int = 200,
-    seed: int = 0,
     surrogates: Collection[str] = ASKED_OF_POG.own,
+    sensing: Sensing = Sensing(),
+    bootstrap: Bootstrap = Bootstrap(),
 ) -> SamplingError:
-    """Sampling error of every surrogate of `placement`, by a bootstrap over blocks of frames:
-    `resamples` draws by `seed` of as many blocks as there are, see `frame_blocks`.
+    """Estimate the sampling error of every surrogate of `placement`, by a bootstrap over blocks.
 
-    With `occlusion` the rays keep the weights w_r of the POG of all frames; only p is resampled. It
-    is several times slower then: no two voxels share ln(1 - d). Boxes of frames that are not in
-    `frames` are left out; `surrogates` may be of plug-ins. Raises ValueError: fewer than two blocks
-    or resamples, or what `OccupancyGrid.by_class` raises."""
-    if resamples < 2:
-        raise InputError(key="resamples", expected="at least 2", found=resamples)
-    of_frame = frame_blocks(frames, blocks)
-    lengths = np.bincount(of_frame)
-    if len(lengths) < 2:
-        few = f"{len(lengths)} of {len(frames)} frames"
-        raise InputError(key="blocks", expected="at least 2", found=few)
-    rng = np.random.default_rng(seed)
-    drawn = rng.multinomial(len(lengths), np.full(len(lengths), 1 / len(lengths)), resamples)
-    every = ((name, SURROGATES[name].of_seen) for name in (*POG_SURROGATES.own, *surrogates))
-    computed = {name: of_seen for name, of_seen in every if of_seen is not None}
-    rig = f"placement {placement.name}"
-    draws = np.vstack([np.ones_like(lengths), drawn])  # the log itself first
+    With occlusion the rays keep the weights w_r of the POG of all frames; only p is resampled. It
+    is several times slower then: no two voxels share ln(1 - d). All rays are traced, whatever the
+    stride of `sensing`. Boxes of frames that are not in the log are left out; `surrogates` may be
+    of plug-ins. Raises ValueError: fewer than two blocks or resamples, or what
+    `OccupancyGrid.by_class` raises."""
+    boxes, frames = log.boxes, log.frames
+    block_of_frame = frame_blocks(frames, bootstrap.blocks)
+    lengths = np.bincount(block_of_frame)
+    draws = bootstrap.draws(lengths)
     keys = frame_keys(boxes, frames)
-    blocked = boxes[keys].merge(frames[keys].assign(block=of_frame), on=keys, how="left")
+    blocked = boxes[keys].merge(frames[keys].assign(block=block_of_frame), on=keys, how="left")
     block_of_box = blocked["block"].to_numpy()  # NaN for a box of another frame
-    covered = coverage(placement, roi, method).reshape(-1)
-    ray_method = rays_of(method)
-    rays = ray_counts(placement, roi, ray_method).reshape(-1)
-    totals = draws @ lengths
-    all_covered = CoveredVoxels(partial(int, np.count_nonzero(covered)))
+    model = _Resampled(placement, roi, surrogates, sensing, draws, draws @ lengths)
     rows, resampled = [], []
     for object_class in classes:
         histories = BlockCounts.of_blocks(
             OccupancyGrid.from_boxes(boxes[block_of_box == b], roi, object_class, int(n)).counts
             for b, n in enumerate(lengths)
         )
-        here = histories.voxels
-        if occlusion:
-            occupied = np.zeros(covered.size, np.int32)
-            occupied[here] = histories.counts(draws[0])[histories.history]
-            log = occupied.reshape(roi.shape), int(totals[0])
-            log_misses = log_miss(placement, roi, ray_method, *log, detection_probability)
-            log_misses = log_misses.reshape(-1)[here]
-        voxels = _by_history(histories, np.ones(len(here), np.int64))
-        covered_voxels = _by_history(histories, covered[here])
-        crossings_of = _crossings_of(histories, rays[here])
-        values: dict[str, list[float]] = {name: [] for name in surrogates}
-        for draw, total in zip(draws, totals.tolist(), strict=True):
+        for name, (value, *estimates) in model.values(histories).items():
+            labels = {"class": object_class, "surrogate": name}
+            resample = np.array(estimates)
+            bias, off = resample.mean() - value, NORMAL_95 * (sd := resample.std(ddof=1))
+            ends = {"low": value - bias - off, "high": value - bias + off}
+            sizes = {"blocks": len(lengths), "resamples": bootstrap.resamples}
+            rows.append(labels | {"value": value, "sd": sd, "bias": bias} | ends | sizes)
+            number = range(bootstrap.resamples)
+            resampled.append(pd.DataFrame(labels | {"resample": number, "value": resample}))
+    return SamplingError(pd.DataFrame(rows), pd.concat(resampled, ignore_index=True))
+
+
+class _Resampled:
+    """Surrogates of one placement for draws of blocks; `totals` are the frames of each draw."""
+
+    def __init__(
+        self,
+        placement: Placement,
+        roi: Roi,
+        surrogates: Collection[str],
+        sensing: Sensing,
+        draws: NDArray[np.int64],
+        totals: NDArray[np.int64],
+    ) -> None:
+        self._placement, self._roi, self._surrogates = placement, roi, surrogates
+        self._sensing, self._draws, self._totals = sensing, draws, totals
+        every = ((name, SURROGATES[name].of_seen) for name in (*POG_SURROGATES.own, *surrogates))
+        self._computed = {name: of_seen for name, of_seen in every if of_seen is not None}
+        self._covered = coverage(placement, roi, sensing.method).reshape(-1)
+        self._rays = ray_counts(placement, roi, rays_of(sensing.method)).reshape(-1)
+        self._all_covered = CoveredVoxels(partial(int, np.count_nonzero(self._covered)))
+
+    def values(self, histories: BlockCounts) -> dict[str, list[float]]:
+        """Return each surrogate of a class by draw."""
+        occupied = histories.voxels
+        log_misses = self._log_misses(histories) if self._sensing.occlusion else None
+        voxels = _by_history(histories, np.ones(len(occupied), np.int64))
+        covered = _by_history(histories, self._covered[occupied])
+        crossings_of = _crossings_of(histories, self._rays[occupied])
+        log_miss_of_one = log_miss_of_ray(self._sensing.detection_probability)
+        values: dict[str, list[float]] = {name: [] for name in self._surrogates}
+        for draw, total in zip(self._draws, self._totals.tolist(), strict=True):
             counts = histories.counts(draw)
             levels = np.arange(1, int(counts.max()) + 1)
             of_level = np.bincount(counts, voxels)[1:]
             entropy = entropy_of_counts(levels, total)
             crossings = crossings_of(counts)
-            gain = partial(expected_ig, total, crossings, log_miss_of_ray(detection_probability))
-            if occlusion:
+            gain = partial(expected_ig, total, crossings, log_miss_of_one)
+            if log_misses is not None:
                 gain = partial(_gain, counts[histories.history], total, log_misses)
-            seen = Seen(
+            inputs = SurrogateInputs(
                 frames=total,
                 counts=levels,
                 voxels=of_level,
-                covered=np.bincount(counts, covered_voxels)[1:],
+                covered=np.bincount(counts, covered)[1:],
                 entropy=entropy,
                 h_pog=math.fsum(of_level * entropy),
                 crossings=partial(crossings_of, counts),
                 points=partial(expected_points, total, crossings, 1.0),
                 information=gain,
             )
-            found = {
-                name: SURROGATES.number(name, partial(compute, seen), rig)
-                for name, compute in computed.items()
-            }
-            nonzero = int(seen.covered.sum())
-            result = Surrogates(placement, roi, method, found, all_covered, nonzero, seconds=0.0)
-            for name in surrogates:
+            result = self._result(inputs)
+            for name in self._surrogates:
                 values[name].append(result.asked(name))
-        for name, (value, *estimates) in values.items():
-            own = {"class": object_class, "surrogate": name}
-            resample = np.array(estimates)
-            bias, off = resample.mean() - value, NORMAL_95 * (sd := resample.std(ddof=1))
-            ends = {"low": value - bias - off, "high": value - bias + off}
-            sizes = {"blocks": len(lengths), "resamples": resamples}
-            rows.append(own | {"value": value, "sd": sd, "bias": bias} | ends | sizes)
-            resampled.append(pd.DataFrame(own | {"resample": range(resamples), "value": resample}))
-    return SamplingError(pd.DataFrame(rows), pd.concat(resampled, ignore_index=True))
+        return values
+
+    def _log_misses(self, histories: BlockCounts) -> NDArray[np.float64]:
+        """Return ln(1 - d) of every occupied voxel, with the POG of all frames."""
+        counts = np.zeros(self._covered.size, np.int32)
+        counts[histories.voxels] = histories.counts(self._draws[0])[histories.history]
+        log = counts.reshape(self._roi.shape), int(self._totals[0])
+        method, q = rays_of(self._sensing.method), self._sensing.detection_probability
+        return log_miss(self._placement, self._roi, method, *log, q).reshape(-1)[histories.voxels]
+
+    def _result(self, inputs: SurrogateInputs) -> Surrogates:
+        """Return all surrogates of one draw."""
+        rig, roi, method = f"placement {self._placement.name}", self._roi, self._sensing.method
+        numbers = {
+            name: SURROGATES.number(name, partial(compute, inputs), rig)
+            for name, compute in self._computed.items()
+        }
+        nonzero, covered = int(inputs.covered.sum()), self._all_covered
+        return Surrogates(self._placement, roi, method, numbers, covered, nonzero, seconds=0.0)
 
 
 def frame_blocks(frames: pd.DataFrame, blocks: int) -> NDArray[np.int64]:
-    """Block of every row of the frames table: consecutive frames of one route, by `frame`.
+    """Return the block of every row of the frames table: consecutive frames of one route.
 
     A route gives blocks by its share of the frames, at least one, of equal length up to a frame; so
     their number is about `blocks`. Without a column `route` (or `scene`) the log is one route.
@@ -177,14 +216,16 @@ def frame_blocks(frames: pd.DataFrame, blocks: int) -> NDArray[np.int64]:
 
 
 def _by_history(histories: BlockCounts, amount: NDArray[np.generic]) -> NDArray[np.int64]:
-    """Sum over the voxels of every history, shape (nodes,); sums below 2**53 are exact."""
+    """Return sums over the voxels of every history, shape (nodes,); sums below 2**53 are exact."""
     return np.bincount(histories.history, amount, len(histories.parent)).astype(np.int64)
 
 
 def _crossings_of(
     histories: BlockCounts, rays: NDArray[np.integer]
 ) -> Callable[[NDArray[np.int64]], Crossings]:
-    """Those of the counts of the histories; voxels of equal history and rays are one term."""
+    """Return a function of the counts of the histories: their crossings.
+
+    Voxels of equal history and rays are one term."""
     base = int(rays.max(initial=0)) + 1
     pairs, voxels = np.unique(histories.history * np.int64(base) + rays, return_counts=True)
     history, crossing = np.divmod(pairs, base)
@@ -198,7 +239,7 @@ def _crossings_of(
 
 
 def _gain(count: NDArray[np.int64], frames: int, log_misses: NDArray[np.float64]) -> float:
-    """expected_ig with occlusion: every voxel has its own ln(1 - d)."""
+    """Return expected_ig with occlusion: every voxel has its own ln(1 - d)."""
     met = (log_misses < 0) & (count > 0)
     p, rest = count[met] / frames, (frames - count[met]) / frames
     return float(information(p, rest, log_misses[met]).sum())

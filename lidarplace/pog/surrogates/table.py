@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass
 from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import STRICT, Direction
 from lidarplace.base.registry import Registry
-from lidarplace.pog.surrogates.seen import Seen
+from lidarplace.pog.surrogates.inputs import SurrogateInputs
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -49,7 +49,7 @@ class Surrogate:
     short: str = ""
     unit: str
     meaning: str
-    of_seen: Callable[[Seen], float] | None = None
+    of_seen: Callable[[SurrogateInputs], float] | None = None
     of_others: Callable[[Any], float] | None = None
     of_objects: bool = False
     sense: Literal[-1, 0, 1]
@@ -70,7 +70,7 @@ class Surrogate:
 
     @property
     def direction(self) -> Direction:
-        """Which values are best unless a user says else; the paper's where it is contested."""
+        """Direction of the best values unless a user says else; the paper's if contested."""
         return "minimize" if self.sense < 0 and not self.contested else "maximize"
 
 
@@ -220,7 +220,7 @@ RAY_SURROGATES = SURROGATES.where(lambda own: own.needs_rays)
 
 
 def to_ask_for(names: Iterable[str]) -> list[str]:
-    """Those of `names` that `evaluate` computes if it is asked for them alone: rays, plug-ins."""
+    """Return the `names` that `evaluate` computes only if asked: those of rays, and of plug-ins."""
     return [name for name in names if name in RAY_SURROGATES or name not in SURROGATES.own]
 
 

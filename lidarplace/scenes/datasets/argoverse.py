@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,7 @@ from lidarplace.logs.boxes import CLOUD, POINTS, SOURCE, first, geometry_of, row
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import ARGOVERSE, ClassMap, classify, merged
-from lidarplace.scenes.datasets.drives import Drive, drives_in, join_drives, recorded_rig
+from lidarplace.scenes.datasets.drives import Drive, drives_in, in_frames, join_drives, recorded_rig
 from lidarplace.scenes.datasets.se3 import Poses, poses
 
 ORIGIN = (2.850 / 2, 0.0, -0.33)
@@ -83,26 +84,18 @@ def _log(
     time_ns = integers(table, "timestamp_ns", str(source))
     frame_ns = np.union1d(time_ns, _sweeps(path / "sensors" / "lidar"))
     frame = pd.Index(frame_ns).get_indexer(pd.Index(time_ns))
-    seconds = (frame_ns - frame_ns[:1]) / 1e9
-    boxes = pd.DataFrame(
-        {
-            "scene": path.name,
-            "frame": start + frame,
-            "timestamp_s": seconds[frame],
-            "object_id": texts(table, "track_uuid", str(source)),
-            "class": classify(table["category"], class_map, rows_of(source), ignored),
-            **in_ego(table, str(source)),
-        }
-    )
+    columns: dict[str, Any] = {"object_id": texts(table, "track_uuid", str(source))}
+    columns["class"] = classify(table["category"], class_map, rows_of(source), ignored)
+    columns |= in_ego(table, str(source))
     if COUNT in table:
-        boxes[POINTS] = counts_if_known(table, COUNT, str(source))
+        columns[POINTS] = counts_if_known(table, COUNT, str(source))
     ego = _vehicle(path / "city_SE3_egovehicle.feather", frame_ns).moved(ORIGIN)
     sweeps = f"{path.parent.name}/{path.name}/sensors/lidar"
     frames = pd.DataFrame(
         {
             "scene": path.name,
             "frame": start + np.arange(len(frame_ns)),
-            "timestamp_s": seconds,
+            "timestamp_s": (frame_ns - frame_ns[:1]) / 1e9,
             **ego.ego_columns(),
             CLOUD: [f"{sweeps}/{ns}.feather" for ns in frame_ns],
             SOURCE: [f"{path.name}/{ns}" for ns in frame_ns],
@@ -110,7 +103,7 @@ def _log(
     )
     calibration = path / "calibration" / "egovehicle_SE3_sensor.feather"
     rig = _rig(calibration, lidar or Lidar.named("vlp32c")) if is_there(calibration) else None
-    return boxes, frames, rig
+    return in_frames(frames, frame, columns), frames, rig
 
 
 def _rig(path: Path, lidar: Lidar) -> RecordedRig:

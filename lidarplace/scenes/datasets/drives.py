@@ -2,8 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
 from lidarplace.logs.box_log import BoxLog
@@ -52,6 +55,14 @@ def join_drives(drives: Sequence[tuple[Path, str]], read: Callable[[Path, int], 
             rigs[frames_of_drive["scene"].iloc[0]] = rig
     all_boxes = classified(pd.concat(boxes, ignore_index=True))
     return BoxLog(all_boxes, pd.concat(frames, ignore_index=True), rigs=rigs)
+
+
+def in_frames(
+    frames: pd.DataFrame, rows: NDArray[np.int64], columns: Mapping[Any, Any]
+) -> pd.DataFrame:
+    """Make a table of boxes, each in a row of `frames`, whose scene, number and time it gets."""
+    names = ("scene", "frame", "timestamp_s")
+    return pd.DataFrame({name: frames[name].to_numpy()[rows] for name in names} | dict(columns))
 
 
 def recorded_rig(

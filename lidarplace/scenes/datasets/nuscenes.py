@@ -17,7 +17,7 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import CLOUD, POINTS, SOURCE, first, geometry_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.datasets.class_maps import NUSCENES, ClassMap, classified, classify, merged
-from lidarplace.scenes.datasets.drives import recorded_rig
+from lidarplace.scenes.datasets.drives import in_frames, recorded_rig
 from lidarplace.scenes.datasets.nuscenes_tables import TokenTable, read_table
 from lidarplace.scenes.datasets.se3 import Poses, poses
 
@@ -70,17 +70,13 @@ def read_nuscenes(
     if not len(box):
         raise InputError("no boxes; those of the public test set are secret", place=box.path)
     frame = frame_of[box.rows_in(sample, "sample_token")]
-    boxes = pd.DataFrame(
-        {
-            "scene": frames["scene"].to_numpy()[frame],
-            "frame": frame,
-            "timestamp_s": frames["timestamp_s"].to_numpy()[frame],
-            "object_id": box.columns["instance_token"],
-            "class": classify(_categories(folder, box), class_map, box.row, ignored),
-            **in_ego(box, ego[frame]),
-            POINTS: box.numbers("num_lidar_pts"),
-        }
-    )
+    columns = {
+        "object_id": box.columns["instance_token"],
+        "class": classify(_categories(folder, box), class_map, box.row, ignored),
+        **in_ego(box, ego[frame]),
+        POINTS: box.numbers("num_lidar_pts"),
+    }
+    boxes = in_frames(frames, frame, columns)
     if (row := first(boxes[POINTS] < 0)) is not None:
         raise InputError(place=box.row(row), key="num_lidar_pts", expected="at least 0")
     rows = np.argsort(frame_of)[np.flatnonzero(~frames["scene"].duplicated())]

@@ -17,7 +17,7 @@ from lidarplace.configuration.record import read_record
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import FRAME_COLUMNS, GEOMETRY, POSE_COLUMNS
 from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classify, merged
-from lidarplace.scenes.datasets.drives import Drive, join_drives
+from lidarplace.scenes.datasets.drives import Drive, in_frames, join_drives
 from lidarplace.scenes.datasets.openlabel_file import VEHICLE, Content, Matrix, OpenLabel, Systems
 
 
@@ -64,9 +64,7 @@ def read_openlabel(
             frames["frame"] += start
             boxes = _boxes(content, system)
             boxes[list("xyz")] += np.asarray(origin)
-            row = boxes["row"].to_numpy(np.int64)
-            for name in ("scene", "frame", "timestamp_s"):
-                boxes[name] = frames[name].to_numpy()[row]
+            boxes = in_frames(frames, boxes["row"].to_numpy(np.int64), dict(boxes.items()))
             where = [f"object {uid}" for uid in boxes["object_id"]]
             boxes["class"] = classify(boxes["type"], classes, where.__getitem__, ignored)
         return boxes, frames, None

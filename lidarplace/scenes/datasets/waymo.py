@@ -22,7 +22,7 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.rigs.rotations import rotations_of
 from lidarplace.scenes.datasets.class_maps import WAYMO, ClassMap, classify, merged
-from lidarplace.scenes.datasets.drives import Drive, drives_in, join_drives, recorded_rig
+from lidarplace.scenes.datasets.drives import Drive, drives_in, in_frames, join_drives, recorded_rig
 from lidarplace.scenes.datasets.se3 import Poses
 
 ORIGIN = (3.0 / 2, 0.0, 0.0)
@@ -176,14 +176,9 @@ def _boxes(
     if (row := first(index < 0)) is not None:
         problem = f"no vehicle_pose of frame {of_box[row]}"
         raise InputError(problem, place=f"{source}: row {row}", key=TIME)
-    boxes = pd.DataFrame(
-        {
-            **{name: frames[name].to_numpy()[index] for name in ("scene", "frame", "timestamp_s")},
-            "object_id": texts(table, OBJECT, source),
-            "class": classify(types(table, source), class_map, rows_of(source), ignored),
-            **in_ego(table, source),
-        }
-    )
+    classes = classify(types(table, source), class_map, rows_of(source), ignored)
+    columns: dict[str, Any] = {"object_id": texts(table, OBJECT, source), "class": classes}
+    boxes = in_frames(frames, index, columns | in_ego(table, source))
     for name, column in COUNTS.items():
         if name in table:
             boxes[column] = counts_if_known(table, name, source)

@@ -39,7 +39,7 @@ def frame_name(frame: int) -> str:
     return f"{frame:06d}"
 
 
-def part(folder: Path, name: str) -> Path:
+def subfolder(folder: Path, name: str) -> Path:
     """Return the folder `name` of a data set, which lies in `training` or in `folder` itself."""
     training = folder / "training"
     return (training if training.is_dir() else folder) / name
@@ -93,7 +93,7 @@ def read_kitti(
     numbers, names, to_ego, placed = [], [], [], []
     for frame, transform in cameras:
         placed.append(frame)
-        path = part(folder, "label_2") / f"{frame_name(frame)}.txt"
+        path = subfolder(folder, "label_2") / f"{frame_name(frame)}.txt"
         for line, name, values in read_labels(path, types, ignored, skipped):
             numbers.append(values[7:_NUMBERS])
             names.append((frame, f"{path.stem}-{line}", types[name]))
@@ -119,7 +119,7 @@ def _cameras(
     """Yield the frames that have a camera, and its transform to the ego frame."""
     transform = camera_to_ego(STANDARD, lidar_height)
     for frame in frames.tolist():
-        path = part(folder, "calib") / f"{frame_name(frame)}.txt"
+        path = subfolder(folder, "calib") / f"{frame_name(frame)}.txt"
         try:
             if not standard:
                 transform = camera_to_ego(read_calibration(path), lidar_height)
@@ -135,8 +135,8 @@ def _cameras(
 
 def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
     """List the frames: columns frame, timestamp_s, split, route; sorted by frame."""
-    labels = part(folder, "label_2")
-    if (tracking := part(folder, "label_02")).is_dir() and not labels.is_dir():
+    labels = subfolder(folder, "label_2")
+    if (tracking := subfolder(folder, "label_02")).is_dir() and not labels.is_dir():
         problem = "KITTI's tracking layout, a file a drive; only the object layout is read"
         fix = "make a table of its boxes in the ego frame, and read it by convert table --propose"
         raise InputError(problem, place=tracking, expected="a folder label_2", fix=fix)

@@ -13,7 +13,7 @@ from lidarplace.base.ranges import LIDAR_HEIGHT
 from lidarplace.clouds.clouds import STEP_M, Crop, PointClouds
 from lidarplace.files.regular import is_there, regular
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
-from lidarplace.scenes.kitti.read import fault, frame_name, part
+from lidarplace.scenes.kitti.read import fault, frame_name, subfolder
 
 _BYTES = 16  # a point
 
@@ -44,7 +44,7 @@ def read_kitti_clouds(
     LIDAR_HEIGHT.check("lidar_height", lidar_height)
     whole = {}
     for frame in frames:
-        path = part(folder, "velodyne") / f"{frame_name(frame)}.bin"
+        path = subfolder(folder, "velodyne") / f"{frame_name(frame)}.bin"
         if not is_there(path):
             fault(InputError("no such file", place=path), skipped)
         elif (size := regular(path).stat().st_size) % _BYTES:

@@ -90,7 +90,7 @@ class EgoPoses(Settings):
     angle: AngleUnit | None = Field(None, description="unit of yaw; by default `units.angle`")
 
 
-class Frames(Settings):
+class FrameRate(Settings):
     """Rate of the frames."""
 
     rate_hz: float | None = Field(
@@ -133,7 +133,7 @@ class TableMapping(Settings):
     classes: dict[Value, str | None] = Field(
         description=f"category: class, {', '.join(CLASSES)} or any name, or null to leave it out"
     )
-    frames: Frames = Frames()
+    frames: FrameRate = FrameRate()
     drives: Drives = Drives()
     accept: tuple[LogCheck, ...] = Field(
         (), description="checks to skip, for values that are correct although they look implausible"

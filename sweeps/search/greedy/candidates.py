@@ -15,6 +15,7 @@ from lidarplace.mounting.limits import ROUNDING
 from lidarplace.mounting.zone import Zone, grid
 from lidarplace.pog.selection import Exposure, Limits, VoxelChoice
 from lidarplace.pog.selection.tracing import Objective
+from lidarplace.pog.surrogates.inputs import Sensing
 from lidarplace.recall.choice import RecallChoice
 from sweeps.configuration.objective import TOTALS
 from sweeps.configuration.search import GreedySettings, SearchSettings
@@ -169,8 +170,7 @@ def set_function_of(
         assert model is not None
         return RecallChoice(model, model.objects.seen_by(placements), weights)
     by, settings = cast(Objective, objective.by), criteria.surrogate
-    exposure = Exposure.of_candidates(
-        *(traffic.grids, weights, placements, by, settings.method),
-        *(settings.detection_probability, settings.occlusion, criteria.azimuth_stride),
-    )
+    q, occlusion = settings.detection_probability, settings.occlusion
+    sensing = Sensing(settings.method, q, occlusion, criteria.azimuth_stride)
+    exposure = Exposure.of_candidates(traffic.grids, weights, placements, by, sensing)
     return VoxelChoice(exposure)

@@ -38,9 +38,9 @@ lidars = st.builds(
 
 def body(seed, number):
     rng = np.random.default_rng(seed)
-    middle = rng.uniform([-3, -1, 0], [3, 1, 1.5], (number, 3))
+    centre = rng.uniform([-3, -1, 0], [3, 1, 1.5], (number, 3))
     half = rng.uniform(0, [2, 0.7, 0.6], (number, 3))
-    return Vehicle("random", np.stack([middle - half, middle + half], axis=1))
+    return Vehicle("random", np.stack([centre - half, centre + half], axis=1))
 
 
 def one_by_one(mount, lidar, vehicle):

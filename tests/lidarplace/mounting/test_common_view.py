@@ -71,14 +71,14 @@ def test_boxes_of_angles_about_one_point(tilt):
 
 @pytest.mark.parametrize(("first", "second", "apart"), [(30, 20, 25), (40, 40, 50), (35, 10, 5)])
 def test_cones_about_one_point(first, second, apart):
-    found = share_of((MAST, cone(first)), (replace(MAST, yaw=math.radians(apart)), cone(second)))
-    angles = [math.radians(own) for own in (first, second, apart)]
+    share = share_of((MAST, cone(first)), (replace(MAST, yaw=math.radians(apart)), cone(second)))
+    angles = [math.radians(angle) for angle in (first, second, apart)]
     smaller = 2 * math.pi * (1 - math.cos(min(angles[:2])))
-    assert found == pytest.approx(lens(*angles) / smaller, abs=1e-3)
+    assert share == pytest.approx(lens(*angles) / smaller, abs=1e-3)
 
 
 def test_a_camera_in_a_full_sphere_and_the_other_way_round():
-    """Its solid angle is 4 asin(sin(h / 2) sin(v / 2)), that of the box of its angles larger."""
+    """Compare with its solid angle, 4 asin(sin(h / 2) sin(v / 2)); its box of angles has more."""
     sphere, camera = box((-180, 180), (-90, 90)), pyramid((1.0, 1.0, SLOPE, SLOPE), 50.0)
     assert share_of((MAST, camera), (Mount(0.3, 0.1, 2.9, 0.4, 1.1, 2.0), sphere)) == 1.0
     band = box((-45, 45), (-20, 20))
@@ -128,16 +128,16 @@ def even(one, other, vehicle, at, number=400_000):
 
 def check_against_lattice(rig, vehicle, at):
     """Shares to 0.001, of the field whose solid angle is smaller."""
-    found = common_view(rig, vehicle, CommonView("all", 0.5, at))
+    shares = common_view(rig, vehicle, CommonView("all", 0.5, at))
     sensors = list(zip(rig.mounts, rig.lidars, strict=True))
-    for (i, j), share in found.items():
+    for (i, j), share in shares.items():
         one, other = (
             even(sensors[i], sensors[j], vehicle, at),
             even(sensors[j], sensors[i], vehicle, at),
         )
         small, large = sorted([one, other])
         near = [small[1]] if small[0] < 0.999 * large[0] else [small[1], large[1]]
-        assert min(abs(share - own) for own in near) < 1e-3
+        assert min(abs(share - estimate) for estimate in near) < 1e-3
 
 
 @given(*[st.floats(-0.5, 0.5)] * 3, st.floats(-25, 10), st.floats(0.2, 3), st.floats(1, 180))
@@ -180,23 +180,23 @@ def test_thin_poles_around_a_published_rig():
 def test_a_mesh_and_round_housings():
     """A mesh of the car's boxes is the car; a round housing is as wide as its tangents."""
     corners = np.array(list(np.ndindex(2, 2, 2)))
-    vertices = np.concatenate([np.take_along_axis(own, corners, axis=0) for own in CAR.boxes])
+    vertices = np.concatenate([np.take_along_axis(box, corners, axis=0) for box in CAR.boxes])
     quads = np.array(
         [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]]
     )
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     mesh = Vehicle("mesh", np.empty((0, 2, 3)), Mesh(vertices, np.concatenate([faces, faces + 8])))
     square = PAPER_PLACEMENTS["square"]
-    asked = CommonView(((0, 1), (0, 2)), 0.5, 20.0)
-    boxes = common_view(square, CAR, asked)
-    assert common_view(square, mesh, asked) == pytest.approx(boxes, abs=1e-3)
+    view = CommonView(((0, 1), (0, 2)), 0.5, 20.0)
+    boxes = common_view(square, CAR, view)
+    assert common_view(square, mesh, view) == pytest.approx(boxes, abs=1e-3)
     size, apart = (0.1, 0.1, 0.5), 0.4
     flat, tall = (replace(Lidar.paper(), elevations=(-e, e), size=size) for e in (0.05, 0.2))
     row = Placement("row", [Mount(z=3.0), Mount(apart, z=3.0)], [flat, tall])
-    found = common_view(row, NOTHING, CommonView("all", 0.5, 20.0))[0, 1]
+    share = common_view(row, NOTHING, CommonView("all", 0.5, 20.0))[0, 1]
     half = math.asin(size[0] / 2 / apart)
     behind = 2 * (half + math.asin(size[0] / 2 / 20.0))  # of the first, hidden from the second
-    assert found == pytest.approx(1 - behind / (2 * math.pi - 2 * half), abs=2e-4)
+    assert share == pytest.approx(1 - behind / (2 * math.pi - 2 * half), abs=2e-4)
 
 
 def test_views_without_extent_or_without_sight():
@@ -210,16 +210,16 @@ def test_views_without_extent_or_without_sight():
     assert far == 0.0
     one = PAPER_PLACEMENTS["center"]
     alone = Placement("one", one.mounts[:1], one.lidar)
-    asked = CommonView("chain", 0.2, 20.0)
-    assert weakest(common_view(alone, CAR, asked), asked) == (1.0, None)
+    view = CommonView("chain", 0.2, 20.0)
+    assert weakest(common_view(alone, CAR, view), view) == (1.0, None)
 
 
 def test_pairs_that_are_named():
     rig = PAPER_PLACEMENTS["square"]
     every = common_view(rig, CAR, CommonView("all", 0.2, 20.0))
     named = CommonView(((1, 2), (0, 3)), 0.2, 20.0)
-    found = common_view(rig, CAR, named)
-    assert found == {pair: every[pair] for pair in named.pairs}
+    shares = common_view(rig, CAR, named)
+    assert shares == {pair: every[pair] for pair in named.pairs}
     check_pairs(named, 4)
     missing = CommonView(((0, 7),), 0.2, 20.0)
     assert weakest(common_view(rig, CAR, missing), missing) == (0.0, (0, 7))
@@ -228,21 +228,21 @@ def test_pairs_that_are_named():
 @given(st.integers(2, 6), st.data())
 def test_a_chain_holds_as_long_as_the_graph_is_connected(number, data):
     pairs = [(i, j) for j in range(number) for i in range(j)]
-    found = {pair: data.draw(st.integers(0, 20)) / 20 for pair in pairs}
-    share, pair = weakest(found, CommonView("chain", 0.5, 20.0))
+    shares = {pair: data.draw(st.integers(0, 20)) / 20 for pair in pairs}
+    share, pair = weakest(shares, CommonView("chain", 0.5, 20.0))
 
     def connected(least):
         reached = {0}
         for _ in range(number):
             reached |= {
-                n for own in pairs if found[own] >= least and set(own) & reached for n in own
+                n for pair in pairs if shares[pair] >= least and set(pair) & reached for n in pair
             }
         return len(reached) == number
 
-    assert found[pair] == share
+    assert shares[pair] == share
     assert connected(share)
     assert not connected(share + 0.01)
-    assert weakest(found, CommonView("all", 0.5, 20.0))[0] == min(found.values())
+    assert weakest(shares, CommonView("all", 0.5, 20.0))[0] == min(shares.values())
 
 
 def rig_of(*mounts, lidar=None):

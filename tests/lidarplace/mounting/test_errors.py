@@ -24,7 +24,7 @@ def shifts(rig, errors, *key):
 
 
 def turn(drawn, mount):
-    """From the mount's rotation to the drawn one, as scipy has angles and rotations."""
+    """Return the turn from the mount's rotation to the drawn one, by scipy's angles."""
     after, before = (Rotation.from_euler("ZYX", [m.yaw, m.pitch, m.roll]) for m in (drawn, mount))
     return (after * before.inv()).as_rotvec()
 
@@ -32,8 +32,8 @@ def turn(drawn, mount):
 @given(MOUNTS, st.integers(0, 2**31), st.floats(0, 1), st.floats(0, 0.1))
 def test_no_mount_is_off_by_more_than_said(mount, frame, offset, angle):
     errors = MountingErrors(offset, angle)
-    found = np.abs(shifts(Placement("one", [mount], Lidar.paper()), errors, frame))
-    assert (found <= np.repeat([offset, angle], 3) + 1e-14).all()
+    offsets = np.abs(shifts(Placement("one", [mount], Lidar.paper()), errors, frame))
+    assert (offsets <= np.repeat([offset, angle], 3) + 1e-14).all()
 
 
 @given(MOUNTS, st.integers(0, 2**31))
@@ -60,7 +60,7 @@ def test_all_rigs_of_a_vehicle_are_off_alike_and_vehicles_differ(one, two):
 def test_errors_spread_alike_along_every_axis(mount):
     random = np.random.default_rng(0)
     off = [HALF_A_DEGREE.displaced(mount, random) for _ in range(1000)]
-    found = np.array([[*(d.position - mount.position), *turn(d, mount)] for d in off])
-    shares = found / np.repeat([HALF_A_DEGREE.offset, HALF_A_DEGREE.angle], 3)
+    offsets = np.array([[*(d.position - mount.position), *turn(d, mount)] for d in off])
+    shares = offsets / np.repeat([HALF_A_DEGREE.offset, HALF_A_DEGREE.angle], 3)
     assert np.abs(shares.mean(axis=0)).max() < 5 / math.sqrt(3 * 1000)  # five sigma
     assert np.abs(shares.var(axis=0) - 1 / 3).max() < 5 * math.sqrt(4 / 45 / 1000)

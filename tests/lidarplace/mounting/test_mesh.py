@@ -44,7 +44,7 @@ def random_mesh(rng, triangles):
 
 
 def hit_by_hand(mesh, origin, direction, reach):
-    """By the plane of every triangle, and the sides of its edges, in numpy."""
+    """Return the hit with the plane of each triangle, and the sides of its edges, in numpy."""
     a, b, c = np.moveaxis(mesh.triangles, 1, 0)
     normal = np.cross(b - a, c - a)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -67,8 +67,8 @@ def test_rays_meet_the_nearest_triangle(seed, triangles):
         if rng.random() < 0.2:
             direction[rng.integers(3)] = 0.0
         reach = float(rng.choice([np.inf, 3.0]))
-        found = first_hit(origin, *direction, reach, mesh.tree)
-        assert found == pytest.approx(hit_by_hand(mesh, origin, direction, reach), rel=1e-9)
+        hit = first_hit(origin, *direction, reach, mesh.tree)
+        assert hit == pytest.approx(hit_by_hand(mesh, origin, direction, reach), rel=1e-9)
 
 
 @settings(max_examples=20)
@@ -76,9 +76,9 @@ def test_rays_meet_the_nearest_triangle(seed, triangles):
 def test_distances_are_those_of_trimesh(seed, triangles):
     rng = np.random.default_rng(seed)
     mesh, places = random_mesh(rng, triangles), rng.uniform(-4, 4, (20, 3))
-    own = trimesh.triangles.closest_point
+    closest, faces = trimesh.triangles.closest_point, len(mesh.faces)
     expected = [
-        np.linalg.norm(own(mesh.triangles, np.tile(place, (len(mesh.faces), 1))) - place, axis=1)
+        np.linalg.norm(closest(mesh.triangles, np.tile(place, (faces, 1))) - place, axis=1)
         for place in places
     ]
     np.testing.assert_allclose(distances(mesh.tree, places), np.min(expected, axis=1), atol=1e-9)
@@ -90,19 +90,19 @@ def test_inside_of_solids_that_are_known():
     ball, ring = trimesh.creation.icosphere(4, 1.5), trimesh.creation.torus(1.4, 0.6, 48, 32)
     for solid in (ball, ring):
         mesh = Mesh(solid.vertices, solid.faces)
-        found = winding_numbers(mesh, places)
+        numbers = winding_numbers(mesh, places)
         exact = np.array([exact_winding(mesh, place) for place in places[:100]])
-        np.testing.assert_allclose(found[:100], exact, atol=0.01)
-        np.testing.assert_array_equal(found[:100] > 0.5, np.abs(exact) > 0.5)
+        np.testing.assert_allclose(numbers[:100], exact, atol=0.01)
+        np.testing.assert_array_equal(numbers[:100] > 0.5, np.abs(exact) > 0.5)
         turned = Mesh(solid.vertices, solid.faces[:, ::-1])
-        np.testing.assert_allclose(winding_numbers(turned, places), found, atol=1e-9)
+        np.testing.assert_allclose(winding_numbers(turned, places), numbers, atol=1e-9)
     depth = depths(Mesh(ball.vertices, ball.faces), places)
     radius = np.linalg.norm(places, axis=1)
     np.testing.assert_allclose(depth, np.maximum(1.5 - radius, 0), atol=0.01)
 
 
 def exact_winding(mesh, place):
-    """From the spherical excess of every triangle, by its angles (Girard)."""
+    """Return winding numbers by the spherical excess of each triangle, by its angles (Girard)."""
     corners = mesh.triangles - place
     corners = corners / np.linalg.norm(corners, axis=2, keepdims=True)
     excess = -np.pi
@@ -127,7 +127,7 @@ def test_a_box_of_triangles_is_a_box():
     for mount in (Mount(0.11, 0.2, 1.81, 0.2, 0.1, 0.3), Mount(2.4, 0.3, 0.7), Mount(z=0.5)):
         assert body_share(mount, lidar, mesh) == body_share(mount, lidar, box)
         rig = Placement("one", [mount], lidar)
-        of_mesh_, of_box = (seen_in_columns(rig, own, roi) for own in (mesh, box))
+        of_mesh_, of_box = (seen_in_columns(rig, vehicle, roi) for vehicle in (mesh, box))
         np.testing.assert_array_equal(of_mesh_[0], of_box[0])
         np.testing.assert_array_equal(of_mesh_[1], of_box[1])
     for zone, expected in (

@@ -1,4 +1,4 @@
-"""What is seen right around the vehicle, against a test of every voxel on its own."""
+"""Share that is seen right around the vehicle, against a test of every voxel on its own."""
 
 import math
 
@@ -36,7 +36,7 @@ def share_seen(placement, vehicle, roi):
 
 
 def in_boxes(points, vehicle):
-    """Which points, shape (..., 3), are inside of a box."""
+    """Return which points, shape (..., 3), are inside of a box."""
     low, high = vehicle.boxes[:, 0], vehicle.boxes[:, 1]
     return ((points[..., None, :] > low) & (points[..., None, :] < high)).all(-1).any(-1)
 
@@ -70,9 +70,9 @@ sensor_lists = st.lists(
 @settings(max_examples=25, derandomize=True)
 def test_agrees_with_voxel_by_voxel(sensors, seed):
     rng = np.random.default_rng(seed)
-    middle = rng.uniform([-2, -1, 0], [2, 1, 1], (2, 3))
+    centre = rng.uniform([-2, -1, 0], [2, 1, 1], (2, 3))
     half = rng.uniform(0.1, [1.5, 0.8, 0.7], (2, 3))
-    vehicle = Vehicle("random", np.stack([middle - half, middle + half], axis=1))
+    vehicle = Vehicle("random", np.stack([centre - half, centre + half], axis=1))
     placement = Placement("p", [mount for mount, _ in sensors], [lidar for _, lidar in sensors])
     expected = voxel_by_voxel(placement, vehicle, NEAR)
     assert share_seen(placement, vehicle, NEAR) == expected

@@ -22,8 +22,8 @@ def test_sections_hold_what_is_inside(vertices, axis, seed):
     for point in some_points(vertices, seed):
         intervals = sections(vertices, axis, point[axis])
         assert all(a[1] < b[0] for a, b in pairwise(intervals))
-        found = any(low <= point[1 - axis] <= high for low, high in intervals)
-        assert found == counted_inside(vertices, *point)
+        inside = any(low <= point[1 - axis] <= high for low, high in intervals)
+        assert inside == counted_inside(vertices, *point)
 
 
 @given(vertices=polygons, seed=st.integers(0, 10**6))
@@ -78,9 +78,9 @@ def test_the_part_above_the_axis(vertices, seed):
         return
     assert (part is None) == all(y <= 0 for _, y in vertices)
     for x, y in some_points(vertices, seed):
-        kept = part is not None and nearest(part, x, y) == (x, y)
+        in_part = part is not None and nearest(part, x, y) == (x, y)
         # Vertices on y = 0 are rounded, so a point a hair away from an edge may change sides.
-        assert abs(y) < 1e-7 or kept == (y > 0 and counted_inside(vertices, x, y))
+        assert abs(y) < 1e-7 or in_part == (y > 0 and counted_inside(vertices, x, y))
 
 
 @pytest.mark.parametrize(

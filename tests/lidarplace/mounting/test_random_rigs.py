@@ -53,9 +53,9 @@ def test_the_given_rigs_are_in_the_space_of_those_drawn_and_others_are_not():
     assert outside(tipped, drawn).startswith("pitch by ")
     two = replace(EIGHT[0], mounts=EIGHT[0].mounts[:2])
     top = max(mount.z for rig in drawn for mount in rig.mounts)
-    for beyond, told in ((0.09, None), (0.11, "z by 0.11 m")):
+    for beyond, text in ((0.09, None), (0.11, "z by 0.11 m")):
         mounts = [replace(EIGHT[0].mounts[0], z=top + beyond), *EIGHT[0].mounts[1:]]
-        assert outside(replace(EIGHT[0], mounts=mounts), drawn) == told
+        assert outside(replace(EIGHT[0], mounts=mounts), drawn) == text
     assert outside(two, drawn) == "2 LiDARs, not 4 to 4"
     assert outside(EIGHT[0].with_lidar(Lidar((0.0,), 90)), drawn) == "another LiDAR model"
 

@@ -19,7 +19,7 @@ def rig(*mounts, lidar=ONE):
 
 
 def heights(mount, elevation, distance, azimuth):
-    """Where a level LiDAR's beam meets the strip, by trigonometry."""
+    """Return where a level LiDAR's beam meets the strip, by trigonometry."""
     reach = math.hypot(
         distance * math.cos(azimuth) - mount.x, distance * math.sin(azimuth) - mount.y
     )
@@ -36,18 +36,18 @@ def test_level_lidars_against_trigonometry(x, y, z, elevations):
     strips = [(d, a, e) for d in DISTANCES_M for a in AZIMUTHS for e in lidar.elevations]
     met = {(d, a, e): heights(mount, e, d, a) for d, a, e in strips}
     cells = {(d, a, math.floor(up / CELL_M)) for (d, a, _), up in met.items() if 0 <= up < TOP_M}
-    found = rings(rig(mount, lidar=lidar))
-    assert found.hit == found.all
+    counts = rings(rig(mount, lidar=lidar))
+    assert counts.hit == counts.all
     # Heights that are on a border but for rounding may be in either cell.
     near = sum(abs(heights(mount, e, d, a) / CELL_M % 1 - 0.5) > 0.5 - 1e-6 for d, a, e in strips)
-    assert abs(found.hit - len(cells)) <= near
+    assert abs(counts.hit - len(cells)) <= near
 
 
 def test_lidars_beside_each_other_waste_rings_and_stacked_ones_do_not():
     paper = Lidar.paper()
-    beside = rig(*(Mount(y=y, z=2.2) for y in (-1e-4, 0.0, 1e-4, 2e-4)), lidar=paper)
-    assert rings(beside).redundancy == pytest.approx(0.75, abs=0.01)
-    order = {name: rings(own).redundancy for name, own in PAPER_PLACEMENTS.items()}
+    side_by_side = rig(*(Mount(y=y, z=2.2) for y in (-1e-4, 0.0, 1e-4, 2e-4)), lidar=paper)
+    assert rings(side_by_side).redundancy == pytest.approx(0.75, abs=0.01)
+    order = {name: rings(placement).redundancy for name, placement in PAPER_PLACEMENTS.items()}
     assert max(order, key=order.__getitem__) == "line"
     assert min(order, key=order.__getitem__) == "center"
 

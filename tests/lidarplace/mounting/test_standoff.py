@@ -1,4 +1,4 @@
-"""How far above the vehicle a zone may reach."""
+"""Height above the vehicle up to which a zone may reach."""
 
 import pytest
 
@@ -9,9 +9,9 @@ CAR = Vehicle.car()
 
 
 def zone(**keys):
-    own = {"x": [-0.5, 0.5], "y": [-0.6, 0.6]} | keys
-    (found,) = mountable({"roof": PlaceSettings.model_validate(own)}, CAR)
-    return found
+    place = {"x": [-0.5, 0.5], "y": [-0.6, 0.6]} | keys
+    (zone,) = mountable({"roof": PlaceSettings.model_validate(place)}, CAR)
+    return zone
 
 
 @pytest.mark.parametrize(
@@ -34,8 +34,8 @@ def test_higher_parts_are_cut_off(keys, heights):
 
 
 def test_without_a_body_nothing_is_above_it():
-    (found,) = mountable(
+    (zone,) = mountable(
         {"mast": PlaceSettings(x=(0, 0), y=(0, 0), z=(5.0, 9.0))}, Vehicle("none", [])
     )
-    assert found.z == (5, 9)
+    assert zone.z == (5, 9)
     assert top_near(Vehicle("none", []), (0, 0), (0, 0)) is None

@@ -65,9 +65,9 @@ def test_at_right_angles_it_is_a_box(wanted):
         (expected,) = check_requirements([lay_out(wanted, plain)], RIG, plain)
         for finding in expected.cases:
             plainly = "" if finding.case == "as built" else finding.case
-            own = by_case.pop(", ".join(filter(None, [label, plainly])) or "as built")
-            assert (own.value, own.enough) == pytest.approx((finding.value, finding.enough))
-            assert (own.x, own.y) == pytest.approx((finding.x, finding.y))
+            case = by_case.pop(", ".join(filter(None, [label, plainly])) or "as built")
+            assert (case.value, case.enough) == pytest.approx((finding.value, finding.enough))
+            assert (case.x, case.y) == pytest.approx((finding.x, finding.y))
     assert not by_case
     assert outcome.worst.value == min(finding.value for finding in outcome.cases)
     assert outcome.worst.value < outcome.cases[0].value, "it hides something when it turns"
@@ -99,7 +99,7 @@ def test_rays_meet_the_turned_box_as_turned_rays_meet_the_box(degrees):
 def test_the_worst_of_all_angles_counts():
     vehicle, parts = bending(90.0, -90.0), [boxed(box) for box in (BOX, LEFT, RIGHT)]
     for mount, lidar in zip(RIG.mounts, RIG.lidars, strict=True):
-        most = max(body_share(mount, lidar, own) for own in parts)
+        most = max(body_share(mount, lidar, part) for part in parts)
         assert body_share(mount, lidar, vehicle) == pytest.approx(most)
 
 

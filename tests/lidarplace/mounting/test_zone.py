@@ -95,11 +95,11 @@ def test_a_fork_is_whole_where_its_gap_begins():
 )
 def test_zones_without_width(zone):
     for place in np.random.default_rng(0).random((50, 3)):
-        found = position(zone, *place)
-        assert distance(zone, *found) <= NANOMETRE
+        point = position(zone, *place)
+        assert distance(zone, *point) <= NANOMETRE
         free = [zone.x[0] < zone.x[1], len({y for _, y in zone.polygon}) > 1, zone.z[0] < zone.z[1]]
         free[1] &= not free[0]  # on a slanted segment x decides y
-        np.testing.assert_allclose(shares(zone, *found), np.where(free, place, 0.5), atol=1e-9)
+        np.testing.assert_allclose(shares(zone, *point), np.where(free, place, 0.5), atol=1e-9)
 
 
 def test_a_point_outside_is_moved_by_a_millimetre_at_most():
@@ -119,11 +119,11 @@ def test_a_point_outside_is_moved_by_a_millimetre_at_most():
 @given(zone=zones, step=st.floats(0.05, 3))
 @settings(max_examples=80, derandomize=True)
 def test_grids_lie_in_the_zone(zone, step):
-    found = grid(zone, step)
-    assert found.shape[1] == 3
-    assert len(found) > 0
-    assert all(distance(zone, *point) <= NANOMETRE for point in found.tolist())
-    assert len(np.unique(found, axis=0)) == len(found)
+    points = grid(zone, step)
+    assert points.shape[1] == 3
+    assert len(points) > 0
+    assert all(distance(zone, *point) <= NANOMETRE for point in points.tolist())
+    assert len(np.unique(points, axis=0)) == len(points)
 
 
 @given(zone=zones, step=st.floats(0.1, 3))
@@ -131,17 +131,17 @@ def test_grids_lie_in_the_zone(zone, step):
 def test_grids_of_mirrored_zones_are_mirrored(zone, step):
     mirrored = Zone("other", tuple((x, -y) for x, y in zone.polygon), zone.z)
     flip = grid(mirrored, step) * (1, -1, 1)
-    here = grid(zone, step)
-    order = [np.lexsort(np.round(points, 6).T) for points in (here, flip)]
-    np.testing.assert_allclose(here[order[0]], flip[order[1]], atol=1e-9)
+    offered = grid(zone, step)
+    order = [np.lexsort(np.round(points, 6).T) for points in (offered, flip)]
+    np.testing.assert_allclose(offered[order[0]], flip[order[1]], atol=1e-9)
 
 
 def test_grid_of_a_box():
-    found = grid(Zone.box("roof", (-1, 1), (-0.5, 0.5), (1.6, 2.0)), 0.2)
-    assert len(found) == 11 * 5 * 3
+    points = grid(Zone.box("roof", (-1, 1), (-0.5, 0.5), (1.6, 2.0)), 0.2)
+    assert len(points) == 11 * 5 * 3
     # The ends in x are multiples of the step, those in y are not.
-    np.testing.assert_allclose(found.min(axis=0), [-1, -0.4, 1.6], atol=1e-12)
-    np.testing.assert_allclose(found.max(axis=0), [1, 0.4, 2.0], atol=1e-12)
+    np.testing.assert_allclose(points.min(axis=0), [-1, -0.4, 1.6], atol=1e-12)
+    np.testing.assert_allclose(points.max(axis=0), [1, 0.4, 2.0], atol=1e-12)
     np.testing.assert_array_equal(grid(ROOF, 9.0), [[0, 0, 1.8]])
     # Arms that are narrower than the step still get their middles.
     rails = Zone("rails", ((0, -1), (2, -1), (2, -0.9), (0.1, -0.9), (0.1, 0.9), (2, 0.9),
@@ -173,7 +173,7 @@ def test_halves():
     assert on_centre_line(ROOF).polygon == ((-1, 0), (1, 0))
     right = Zone.box("right", (0, 1), (-1, -0.5), (1, 2))
     assert left_half(right) is on_centre_line(right) is None
-    beside = Zone.box("beside", (0, 1), (-1, 0), (1, 2))
-    assert left_half(beside).polygon == on_centre_line(beside).polygon == ((0, 0), (1, 0))
+    right_side = Zone.box("right_side", (0, 1), (-1, 0), (1, 2))
+    assert left_half(right_side).polygon == on_centre_line(right_side).polygon == ((0, 0), (1, 0))
     mast = Zone.box("mast", (0, 0), (0, 0), (1, 2))
     assert left_half(mast) == on_centre_line(mast) == mast

@@ -30,18 +30,18 @@ def incidence(local, direction, reach, size):
 
 
 def hits_of(placement: Placement, vehicle: Vehicle, box, reflectivity=0.1):
-    """Of every LiDAR the points on a box where its rays end, in the box's own frame.
+    """Return the points on a box where rays of every LiDAR end, in the box's own frame.
 
     box: a row of GEOMETRY. Measured from the rear lower right corner.
     """
     size = np.array(box[3:6])
     c, s = math.cos(box[6]), math.sin(box[6])
     to_box = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]])
-    found, bodies = [], vehicle.interior.tolist()  # numbers of Python are quicker here
+    hits, bodies = [], vehicle.interior.tolist()  # numbers of Python are quicker here
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
         origin = mount.position
         local = to_box @ (origin - np.array(box[:3])) + size / 2
-        own = []
+        of_lidar = []
         for ray in lidar.directions():
             direction = mount.rotation @ ray
             along = to_box @ direction
@@ -56,9 +56,9 @@ def hits_of(placement: Placement, vehicle: Vehicle, box, reflectivity=0.1):
                 continue
             cosine = incidence(local, along, reach, size)
             if reach <= lidar.sight(reflectivity * cosine):
-                own.append(local + reach * along)
-        found.append(own)
-    return found
+                of_lidar.append(local + reach * along)
+        hits.append(of_lidar)
+    return hits
 
 
 def cells_of(points, size, cell):

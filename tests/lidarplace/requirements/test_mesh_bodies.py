@@ -1,4 +1,4 @@
-"""Where objects may stand around a mesh: against boxes, and against points in both."""
+"""Positions of objects around a mesh: against boxes, and against points in both."""
 
 import math
 
@@ -74,8 +74,8 @@ def test_distances_areas_and_presets_are_those_of_the_box():
     x, y = rng.uniform(-6, 6, (2, 40, 30))
     np.testing.assert_allclose(distance_from(MESH, x, y), distance_from(BOX, x, y), atol=1e-9)
     area = Area(distance=(0.5, 3.0))
-    own, other = (grid_over(area, vehicle, 0.5) for vehicle in (MESH, BOX))
-    np.testing.assert_array_equal(own.held, other.held)
+    of_mesh, other = (grid_over(area, vehicle, 0.5) for vehicle in (MESH, BOX))
+    np.testing.assert_array_equal(of_mesh.held, other.held)
     for name in PRESETS:
         assert preset(name, MESH) == preset(name, BOX)
 
@@ -89,6 +89,6 @@ def test_rays_that_a_mesh_stops_do_not_count():
     far = ~in_the_way(BOX, boxes[:, :2], (1.5, 1.5, 1.0), 0.0)
     for mount in (Mount(0.31, 0.12, 1.7, 0.1, 0.2, 0.3), Mount(2.4, 0.9, 0.8, yaw=0.7)):
         rig = Placement("one", [mount], lidar)
-        own, other = (count_points(sights_of(rig, v), boxes[far]) for v in (MESH, BOX))
-        np.testing.assert_array_equal(own, other)
+        of_mesh, other = (count_points(sights_of(rig, v), boxes[far]) for v in (MESH, BOX))
+        np.testing.assert_array_equal(of_mesh, other)
         assert other.sum() > 0

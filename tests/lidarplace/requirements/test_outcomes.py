@@ -40,8 +40,8 @@ CURVE = DetectionCurve.model_validate({"class": "Pedestrian", "iou": 0.5, "most"
 
 
 def outcome(area, measure, least=1.0, placed=None, rig=RIG, vehicle=CAR, **wanted):
-    asked = Requirement("x", area, measure, least, placed, **wanted)
-    return check_requirements([lay_out(asked, vehicle)], rig, vehicle)[0]
+    requirement = Requirement("x", area, measure, least, placed, **wanted)
+    return check_requirements([lay_out(requirement, vehicle)], rig, vehicle)[0]
 
 
 # An antenna that no ray meets, and a step and a mirror.
@@ -61,20 +61,21 @@ def test_keep_outs_remove_positions_and_move_none(body, area):
         cube = PlacedObject(0.4, 0.4, 0.8, headings=1)
         return outcome(where, "points", placed=cube, vehicle=vehicle, step=0.3)
 
-    plain, high, kept = found(body), *(found(with_keep_outs(body, own)) for own in (ANTENNA, STEP))
+    with_antenna, with_step = (with_keep_outs(body, keep_out) for keep_out in (ANTENNA, STEP))
+    plain, high, stepped = map(found, (body, with_antenna, with_step))
     assert high.cases == plain.cases
     np.testing.assert_array_equal(high.least_of, plain.least_of)
-    points, (middle, half) = plain.positions.points, (STEP.mean(axis=1), np.ptp(STEP, axis=1) / 2)
-    apart = (np.abs(points[:, None] - middle[:, :2]) >= half[:, :2] + 0.2).any(axis=2).all(axis=1)
+    points, (centre, half) = plain.positions.points, (STEP.mean(axis=1), np.ptp(STEP, axis=1) / 2)
+    apart = (np.abs(points[:, None] - centre[:, :2]) >= half[:, :2] + 0.2).any(axis=2).all(axis=1)
     assert area == "coverage" or not apart.all()
     expected = points if area == "coverage" else points[apart]
-    np.testing.assert_array_equal(kept.positions.points, expected)
+    np.testing.assert_array_equal(stepped.positions.points, expected)
 
 
 def test_every_position_against_single_rays():
     rig = RIG.with_lidar(Lidar(LIDAR.elevations, azimuth_steps=40))
-    found = outcome(Area(distance=(0.2, 1.2)), "points", 6, PERSON, rig, share=0.9, step=1.0)
-    points = found.positions.points
+    result = outcome(Area(distance=(0.2, 1.2)), "points", 6, PERSON, rig, share=0.9, step=1.0)
+    points = result.positions.points
     by_heading = [
         [
             math.inf
@@ -85,8 +86,8 @@ def test_every_position_against_single_rays():
         for x, y in points.tolist()
     ]
     by_position = [min(counts) for counts in by_heading]
-    assert found.least_of.tolist() == by_position
-    worst = found.worst
+    assert result.least_of.tolist() == by_position
+    worst = result.worst
     at = int(np.argmin(by_position))
     assert (worst.x, worst.y) == tuple(points[at])
     assert worst.at_worst == by_position[at]
@@ -95,7 +96,7 @@ def test_every_position_against_single_rays():
     assert 0 < worst.enough < 1
     may_fail = math.floor(0.1 * len(points))
     assert worst.value == sorted(by_position)[may_fail]
-    assert found.met == (sum(count < 6 for count in by_position) <= may_fail)
+    assert result.met == (sum(count < 6 for count in by_position) <= may_fail)
 
 
 def test_one_level_lidar_and_a_wall():
@@ -103,11 +104,11 @@ def test_one_level_lidar_and_a_wall():
     rig = Placement("one", [Mount(z=1.0)], Lidar((0.0,), azimuth_steps=360))
     wall = PlacedObject(1.0, 2.0, 2.0, headings=1)
     area = Area(x=(4.5, 10.0), y=((0.0, 0.0),))
-    found = outcome(area, "points", 13, wall, rig, NOTHING, step=5.5)
-    assert found.positions.points.tolist() == [[4.5, 0.0], [10.0, 0.0]]
-    assert found.least_of.tolist() == [2 * 14 + 1, 2 * 6 + 1]
-    assert found.met
-    assert (found.worst.x, found.worst.value) == (10.0, 13.0)
+    result = outcome(area, "points", 13, wall, rig, NOTHING, step=5.5)
+    assert result.positions.points.tolist() == [[4.5, 0.0], [10.0, 0.0]]
+    assert result.least_of.tolist() == [2 * 14 + 1, 2 * 6 + 1]
+    assert result.met
+    assert (result.worst.x, result.worst.value) == (10.0, 13.0)
 
 
 @pytest.mark.parametrize("measure", ["points", "cells", "coverage"])
@@ -115,8 +116,8 @@ def test_cases_are_rigs_on_their_own(measure):
     """Each case is the verdict on the rig that it stands for."""
     off = MountingErrors(0.05, 0.05)
     case = AlsoWhen(one_lidar_dead=True, range_factor=0.03, weather=FOG, mounts_off=off, draws=2)
-    asked = Area(distance=(0.0, 2.5)), measure, 1.0, None if measure == "coverage" else PERSON
-    found = outcome(*asked, step=0.5, also_when=case)
+    arguments = Area(distance=(0.0, 2.5)), measure, 1.0, None if measure == "coverage" else PERSON
+    result = outcome(*arguments, step=0.5, also_when=case)
     shorter = (3.0, LIDAR.in_weather(FOG).reach)
     rigs = {
         "as built": RIG,
@@ -127,34 +128,34 @@ def test_cases_are_rigs_on_their_own(measure):
         "mounts off, draw 1": off.drawn(RIG, 0),
         "mounts off, draw 2": off.drawn(RIG, 1),
     }
-    alone = {case: outcome(*asked, rig, step=0.5).worst.value for case, rig in rigs.items()}
-    assert [(own.case, own.value) for own in found.cases] == [*alone.items()]
+    alone = {case: outcome(*arguments, rig, step=0.5).worst.value for case, rig in rigs.items()}
+    assert [(one.case, one.value) for one in result.cases] == [*alone.items()]
     assert len({*alone.values()}) > 2
-    assert found.worst.value == min(alone.values())
+    assert result.worst.value == min(alone.values())
 
 
 def test_coverage_is_that_of_the_near_field():
     area = Area(x=(-4.0, 4.0), y=((-2.5, 2.5),))
     roi = Roi((-4.0, 4.0), (-2.5, 2.5), (0.0, 1.0), 0.25)
-    found = outcome(area, "coverage", step=0.25, heights=(0.0, 1.0))
+    result = outcome(area, "coverage", step=0.25, heights=(0.0, 1.0))
     seen, counted = seen_in_columns(RIG, CAR, roi)
-    assert found.worst.value == seen.sum() / counted.sum()
+    assert result.worst.value == seen.sum() / counted.sum()
 
 
 def test_probability_is_the_curve_of_the_cells():
     area = Area(distance=(0.5, 3.0))
     cells = outcome(area, "cells", 1, PERSON)
-    found = outcome(area, "probability", 0.5, PERSON, curve=CURVE)
-    assert found.least_of == pytest.approx(0.8 * (1 - np.exp(-0.2 * cells.least_of)))
+    result = outcome(area, "probability", 0.5, PERSON, curve=CURVE)
+    assert result.least_of == pytest.approx(0.8 * (1 - np.exp(-0.2 * cells.least_of)))
 
 
 def test_a_symmetric_rig_has_a_symmetric_result():
     mounts = [Mount(0.5, side * 0.6, 1.9, roll=-0.2 * side, yaw=0.4 * side) for side in (-1, 1)]
     rig = Placement("pair", mounts, LIDAR)
     for measure, placed in (("points", STANDARD["child"]), ("coverage", None)):
-        found = outcome(Area(distance=(0.3, 3.0)), measure, 1.0, placed, rig, step=0.4)
-        least = np.full(found.positions.held.shape, np.nan)
-        least[found.positions.held] = found.least_of
+        result = outcome(Area(distance=(0.3, 3.0)), measure, 1.0, placed, rig, step=0.4)
+        least = np.full(result.positions.held.shape, np.nan)
+        least[result.positions.held] = result.least_of
         np.testing.assert_allclose(least, least[:, ::-1], rtol=1e-12)
 
 
@@ -213,11 +214,11 @@ def of_three(rig=THREE, area=AREA, measure="points", placed=TURNED, step=1.3, **
 
 @pytest.fixture(scope="module")
 def hits():
-    """Of every position and heading the points of each LiDAR on the person."""
-    laid = lay_out(Requirement("x", AREA, "points", 1.0, TURNED, step=1.3), CAR)
+    """Return points of each LiDAR on the person, by position and heading."""
+    layout = lay_out(Requirement("x", AREA, "points", 1.0, TURNED, step=1.3), CAR)
     return [
         [hits_of(THREE, CAR, box) for box in by_heading if np.isfinite(box[0])]
-        for by_heading in laid.boxes.swapaxes(0, 1)
+        for by_heading in layout.boxes.swapaxes(0, 1)
     ]
 
 
@@ -231,8 +232,8 @@ def test_several_sensors_against_single_rays(hits, measure, sensors, dead):
         return float(CURVE.probability(np.array([cells]))[0]) if measure == "probability" else cells
 
     def has(of_lidars, alive):
-        found = sorted((count(of_lidars[n]) for n in alive), reverse=True)
-        return found[sensors - 1] if len(found) >= sensors else 0
+        counts = sorted((count(of_lidars[n]) for n in alive), reverse=True)
+        return counts[sensors - 1] if len(counts) >= sensors else 0
 
     sets = [(), *(combinations(range(3), dead) if dead else ())]
     expected = [
@@ -241,10 +242,10 @@ def test_several_sensors_against_single_rays(hits, measure, sensors, dead):
     ]
     curve = CURVE if measure == "probability" else None
     case = AlsoWhen(sensors_dead=dead)
-    found = of_three(measure=measure, curve=curve, cell=0.2, sensors=sensors, also_when=case)
-    assert [own.value for own in found.cases] == pytest.approx([min(own) for own in expected])
-    assert found.least_of == pytest.approx(np.min(expected, axis=0))
-    assert found.least_of.max() > 0 or sensors + dead > 3
+    result = of_three(measure=measure, curve=curve, cell=0.2, sensors=sensors, also_when=case)
+    assert [case.value for case in result.cases] == pytest.approx([*map(min, expected)])
+    assert result.least_of == pytest.approx(np.min(expected, axis=0))
+    assert result.least_of.max() > 0 or sensors + dead > 3
 
 
 @pytest.mark.parametrize("measure", ["points", "cells", "coverage"])
@@ -252,12 +253,12 @@ def test_two_dead_of_three_are_the_one_that_is_left(measure):
     wanted = {"measure": measure, "placed": None if measure == "coverage" else TURNED}
 
     def values(**case):
-        findings = of_three(**wanted, also_when=AlsoWhen(**case)).cases[1:]
-        return {own.case: own.value for own in findings}
+        results = of_three(**wanted, also_when=AlsoWhen(**case)).cases[1:]
+        return {result.case: result.value for result in results}
 
     alone = [of_three(Placement("one", [THREE.mounts[n]], FEW), **wanted).worst for n in (2, 1, 0)]
     pairs = [f"without LiDAR {a} and LiDAR {b}" for a, b in ((1, 2), (1, 3), (2, 3))]
-    expected = dict(zip(pairs, (own.value for own in alone), strict=True))
+    expected = dict(zip(pairs, (result.value for result in alone), strict=True))
     assert values(sensors_dead=2) == expected
     assert [*values(sensors_dead=5).values()] == [0.0]
     assert values(one_lidar_dead=True) == values(sensors_dead=1)
@@ -267,23 +268,23 @@ def test_volume_by_two_sensors_is_where_two_lidars_see_each_by_itself():
     roi = Roi((-3.0, 3.0), (-2.0, 2.0), (0.0, 0.5), 0.5)  # one layer: a column is a voxel
     each = [seen_in_columns(Placement("one", [mount], FEW), CAR, roi)[0] for mount in THREE.mounts]
     _, outside = seen_in_columns(THREE, CAR, roi)
-    asked = {"area": Area(x=(-3.0, 3.0), y=((-2.0, 2.0),)), "step": 0.5, "heights": (0.0, 0.5)}
+    settings = {"area": Area(x=(-3.0, 3.0), y=((-2.0, 2.0),)), "step": 0.5, "heights": (0.0, 0.5)}
     for sensors in (1, 2, 3, 4):
-        found = of_three(measure="coverage", placed=None, sensors=sensors, **asked)
-        assert found.worst.value == (np.sum(each, axis=0) >= sensors).sum() / outside.sum()
+        result = of_three(measure="coverage", placed=None, sensors=sensors, **settings)
+        assert result.worst.value == (np.sum(each, axis=0) >= sensors).sum() / outside.sum()
 
 
 def test_ground_is_counted_by_sensors():
     """A cell has as many as there are LiDARs for which, alone, it is not blind."""
-    found = counted_ground(THREE, CAR, 1.5)
+    ground = counted_ground(THREE, CAR, 1.5)
     blind = [
         {tuple(at) for at in blind_ground(Placement("one", [mount], FEW), CAR, 1.5).middles}
         for mount in THREE.mounts
     ]
-    expected = [sum(tuple(at) not in own for own in blind) for at in found.middles]
-    assert found.sensors.tolist() == expected
+    expected = [sum(tuple(at) not in cells for cells in blind) for at in ground.middles]
+    assert ground.sensors.tolist() == expected
     assert set(expected) == {0, 1, 2, 3}
-    assert found.share == np.mean(np.array(expected) < 2)
+    assert ground.share == np.mean(np.array(expected) < 2)
     assert not counted_ground(None, CAR, 1.5).sensors.any()
 
 

@@ -58,21 +58,22 @@ def test_each_is_drawn_where_its_numbers_say(name):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_each_number_has_its_paragraph_and_what_is_not_checked_says_so(name):
-    own = preset_file(name)
-    values = {number.value for number in own.numbers}
-    offsets = {abs(by) for axis in (own.area.x, own.area.y) for _, by in axis} - {0.0}
+    file = preset_file(name)
+    values = {number.value for number in file.numbers}
+    offsets = {abs(by) for axis in (file.area.x, file.area.y) for _, by in axis} - {0.0}
     assert offsets <= values
-    asked = [r.get("what", {}) for r in own.requirements if isinstance(r.get("what"), dict)]
-    assert {size for what in asked for size in what.values()} - {0.3} <= values
-    unchecked = not all(number.checked for number in own.numbers)
+    objects = [r.get("sizes", {}) for r in file.requirements if isinstance(r.get("sizes"), dict)]
+    assert {size for sizes in objects for size in sizes.values()} - {0.3} <= values
+    unchecked = not all(number.checked for number in file.numbers)
     (line,) = [
         line for line in DOCS.read_text("utf-8").splitlines() if line.startswith(f"| `{name}")
     ]
     assert ("not checked" in line) == unchecked
-    assert all(number.paragraph.split(" ")[0] in line for number in own.numbers if number.checked)
+    assert all(number.paragraph.split(" ")[0] in line for number in file.numbers if number.checked)
 
 
 def test_a_text_stands_for_all_requirements_of_a_preset():
     both = requirements_of(["un_r159", {"name": "x", "where": "un_r151", "what": "Cyclist",
                                         "at_least": {"points": 3}}])  # fmt: skip
-    assert [own.name for own in both] == ["R159 adult", "R159 child", "R159 cyclist", "x"]
+    names = [requirement.name for requirement in both]
+    assert names == ["R159 adult", "R159 child", "R159 cyclist", "x"]

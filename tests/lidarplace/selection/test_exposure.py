@@ -11,6 +11,7 @@ from lidarplace import (
     evaluate_classes,
 )
 from lidarplace.pog.selection import Exposure, Limits
+from lidarplace.pog.surrogates.inputs import Sensing
 from tests.lidarplace.random_grids import random_grids
 from tests.lidarplace.selection.small_exposures import greedy, upper_bound
 
@@ -65,7 +66,7 @@ def reference(grids, chosen, surrogate, weights=WEIGHTS, **options):
     ],
 )
 def test_the_value_of_a_set_is_the_surrogate_of_its_union(grids, surrogate, options):
-    exposure = Exposure.of_candidates(grids, WEIGHTS, CANDIDATES, surrogate, **options)
+    exposure = Exposure.of_candidates(grids, WEIGHTS, CANDIDATES, surrogate, Sensing(**options))
     for chosen in SETS:
         expected = reference(grids, chosen, surrogate, **options)
         assert exposure.value(chosen) == pytest.approx(expected, rel=1e-12, abs=1e-300)

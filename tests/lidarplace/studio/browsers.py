@@ -1,4 +1,4 @@
-"""What a browser says to viser's server and hears from it, without a browser: many at a time."""
+"""A client of viser's server in place of a browser, of which many run at a time."""
 
 import shutil
 import threading
@@ -21,7 +21,7 @@ from lidarplace.studio.page.server import serving
 from lidarplace.studio.studio import Studio
 
 GUARD_S = 300
-"""Against hanging alone."""
+"""Time limit against hanging, seconds."""
 
 
 @contextmanager
@@ -47,10 +47,10 @@ def shown(studio: Studio) -> Iterator[Page]:
         page.close()
 
 
-def until(found: Callable[[], object]) -> None:
+def until(happened: Callable[[], object]) -> None:
     """Wait for what another thread will do."""
     end = time.monotonic() + GUARD_S
-    while not found():
+    while not happened():
         assert time.monotonic() < end
         time.sleep(0.01)
 
@@ -88,12 +88,12 @@ class Browser:
 
     @property
     def labels(self) -> set[str]:
-        """Of the fields and buttons that there are."""
+        """Labels of the fields and buttons."""
         return set(self._label.values())
 
     def type(self, label: str, value: object) -> None:
         """Type into the field of that label, choose in it, or press it."""
-        uuid = next(uuid for uuid, known in self._label.items() if known == label)
+        uuid = next(uuid for uuid, text in self._label.items() if text == label)
         self._say(_messages.GuiUpdateMessage(uuid, {"value": value}))
 
     def pull(self, position: tuple[float, float, float]) -> None:
@@ -123,15 +123,15 @@ class Browser:
 
     def _hear(self, message: dict[str, Any]) -> None:
         uuid = message.get("uuid", "")
-        told = message.get("props", {}) | message.get("updates", {})
-        if "text" in told:
-            self.texts[message["name"]] = told["text"]
+        properties = message.get("props", {}) | message.get("updates", {})
+        if "text" in properties:
+            self.texts[message["name"]] = properties["text"]
         if message["type"] == "SetCameraPositionMessage":
             self.cameras.append(tuple(message["position"]))
-        if "label" in told:
-            self._label[uuid] = told["label"]
-        if "content" in told:
-            self.content[uuid] = told["content"]
-        for source in (message, told):
+        if "label" in properties:
+            self._label[uuid] = properties["label"]
+        if "content" in properties:
+            self.content[uuid] = properties["content"]
+        for source in (message, properties):
             if "value" in source and uuid in self._label:
                 self.values[self._label[uuid]] = source["value"]

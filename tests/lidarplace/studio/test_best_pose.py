@@ -2,8 +2,10 @@
 
 import math
 
+import numpy as np
 import pytest
 
+from lidarplace import Mount, Placement
 from lidarplace.studio.best_pose import KeptLimits
 from lidarplace.studio.rig import posed
 from tests.lidarplace.requirements.brute_force import hits_of
@@ -31,33 +33,81 @@ def studio_of(folder, **keys):
     return rigs.studio_of(folder, RIGS | keys, (10.0, 2.0), (-12.0, -2.0))
 
 
-def fewest_points(studio, laid):
-    """Of the places of a requirement, ray by ray."""
-    places = ([x, y, 0.4, 0.5, 0.5, 0.8, 0.0] for x, y in laid.positions.points.tolist())
+def fewest_points(studio, layout):
+    """Count the fewest points at a position of a requirement, ray by ray."""
+    places = ([x, y, 0.4, 0.5, 0.5, 0.8, 0.0] for x, y in layout.positions.points.tolist())
     return min(len(hits_of(studio.placement, studio.file.body, at)[0]) for at in places)
 
 
 def test_an_improvement_keeps_a_requirement_that_was_met(tmp_path):
-    kept = studio_of(tmp_path, requirements=[NEAR])
-    (laid,) = kept.file.layouts
-    assert fewest_points(kept, laid) >= 4
-    found = kept.improve(0)
-    assert found.after == kept.numbers().mean_recall > found.before
-    assert fewest_points(kept, laid) >= 4
-    assert not kept.violations()
-    assert found.broken == ("somebody ahead",)
+    limited = studio_of(tmp_path, requirements=[NEAR])
+    (layout,) = limited.file.layouts
+    assert fewest_points(limited, layout) >= 4
+    best = limited.improve(0)
+    assert best.after == limited.numbers().mean_recall > best.before
+    assert fewest_points(limited, layout) >= 4
+    assert not limited.violations()
+    assert best.broken == ("somebody ahead",)
     free = studio_of(tmp_path)
-    assert free.improve(0).after > found.after
-    assert free.numbers().mean_recall > kept.numbers().mean_recall
-    assert fewest_points(free, laid) < 4
+    assert free.improve(0).after > best.after
+    assert free.numbers().mean_recall > limited.numbers().mean_recall
+    assert fewest_points(free, layout) < 4
+
+
+def test_improving_finds_more_within_the_limits(studio):
+    studio.pose(0, x=0.9, y=0.6, z=1.6, roll=0.0, pitch=-30.0, yaw=0.0)
+    before, other = studio.numbers().expected_recall["Car"], studio.rig.pose(1)
+    best_pose = studio.improve(0)
+    assert best_pose.before == before
+    assert best_pose.after == studio.numbers().expected_recall["Car"] > before
+    assert studio.rig.pose(1) == other
+    assert not studio.violations()
+    assert studio.undo()
+    assert studio.rig.pose(0)["pitch"] == -30.0
+
+
+def test_one_more_goes_where_it_finds_most(studio):
+    """Compare with all level poses of a grid in the zone, with all rays."""
+    before = studio.numbers().mean_recall
+    levels = [
+        Mount(x, y, z)
+        for x in np.linspace(-1, 1, 5)
+        for y in np.linspace(-0.7, 0.7, 5)
+        for z in (1.6, 2.0)
+        if math.hypot(x - 0.1, y - 0.6) > 0.2 < math.hypot(x, y + 0.6)
+    ]
+    rigs = [Placement("level", [*studio.rig.mounts, mount], studio.file.lidar) for mount in levels]
+    best = max(studio.meter.measure(rig).mean_recall for rig in rigs)
+    addition = studio.add_best()
+    assert addition.before == before
+    assert addition.after == studio.numbers().mean_recall > before
+    assert addition.after >= best - 1e-3  # the search is local
+    assert len(studio.rig.lidars) == 3
+    assert not [v for v in studio.violations() if v.limit != "price"]
+    assert studio.undo()
+    assert len(studio.rig.lidars) == 2
+    studio.add_best("vlp16")
+    assert studio.rig.lidars[2].model == "vlp16"
+
+
+def test_the_best_place_is_within_the_limits_or_there_is_none(tmp_path):
+    far = "zones: {roof: {x: 0, y: 0, z: 2, standoff: 0.5}}\n"
+    studio = rigs.studio_of(tmp_path, far)
+    studio.add_best()
+    assert (studio.rig.mounts[0].position == [0, 0, 2]).all()
+    free = rigs.studio_of(tmp_path, "")
+    free.add_best("at128")  # looks forward alone, and there the car is
+    assert free.numbers().mean_recall > 0
+    assert abs(free.rig.pose(0)["yaw"]) < 90
+    assert not free.violations()
 
 
 def test_what_is_broken_already_stands_in_nobodys_way(tmp_path):
     never = NEAR | {"at_least": {"points": 900}}
-    asked, free = studio_of(tmp_path, requirements=[never]), studio_of(tmp_path)
-    found = asked.improve(0)
-    assert found.broken == ()
-    assert free.improve(0).mount == found.mount
+    limited, free = studio_of(tmp_path, requirements=[never]), studio_of(tmp_path)
+    best = limited.improve(0)
+    assert best.broken == ()
+    assert free.improve(0).mount == best.mount
 
 
 def test_one_more_lidar_stays_within_price_and_power(tmp_path):
@@ -113,11 +163,11 @@ def test_a_lidar_that_cannot_be_asked_gets_a_line_and_the_rest_is_judged(tmp_pat
         {"x": 0.5, "z": 1.8, "pitch_deg": 20.0},
         {"y": 0.5, "z": 1.8, "lidar": {"range_10": 30.0, "min_range": 0.5}},
     ]
-    asked, two = [DARK, NEAR, fog], {"two": {"mounts": mounts}}
-    studio = studio_of(tmp_path, requirements=asked, placements=two)
+    requirements, two = [DARK, NEAR, fog], {"two": {"mounts": mounts}}
+    studio = studio_of(tmp_path, requirements=requirements, placements=two)
     assert [one.requirement.name for one in studio.outcomes()] == ["somebody ahead"]
-    told = [(v.lidars, v.text) for v in studio.violations()]
-    assert told == [
+    reported = [(v.lidars, v.text) for v in studio.violations()]
+    assert reported == [
         ((0,), "in black: what.reflectivity: LiDAR 0: has no range_10; "
                "set it, or remove this key"),
         ((1,), "in fog: also_when: LiDAR 1: min_range: expected a number within [0, range), "

@@ -1,4 +1,4 @@
-"""What takes a page long: commands of a stand-in for `sweeps`, which runs as a process."""
+"""Jobs of a page: commands of a stand-in for `sweeps`, which runs as a process."""
 
 import pytest
 
@@ -45,14 +45,14 @@ sys.exit(3)
 
 def test_a_command_tells_what_it_prints_and_how_it_has_ended(tmp_path):
     (tmp_path / "talk.py").write_text(TALK)
-    told = []
-    command = Command(["talk"], lambda own: told.append(own.exit_code))
+    codes = []
+    command = Command(["talk"], lambda own: codes.append(own.exit_code))
     assert command.wait() == 3
     assert len(command.lines) == LINES
     assert command.lines[0] == f"line {20 - LINES + 1}"
     assert command.lines[-1] == f"niceness {NICENESS}"
-    assert len(told) == 22  # after each line, and at the end
-    assert told[-1] == 3
+    assert len(codes) == 22  # after each line, and at the end
+    assert codes[-1] == 3
     command.cancel()  # does no harm
 
 
@@ -119,11 +119,11 @@ def test_one_more_lidar_is_mounted_where_it_finds_most(page, monkeypatch):
     page.jobs.improve()
     assert page.editing.chosen == 2
     old = page.studio.rig.mounts[0]
-    for broken, told in (
+    for broken, text in (
         ((), "no better pose was found<"),
         (("a child ahead", "zone"), "no better pose was found that keeps a child ahead, zone<"),
     ):
-        found = BestPose(old, 0.5, 0.5, broken)
-        monkeypatch.setattr(page.studio, "improve", lambda number, found=found: found)
+        pose = BestPose(old, 0.5, 0.5, broken)
+        monkeypatch.setattr(page.studio, "improve", lambda number, pose=pose: pose)
         page.jobs.improve()
-        assert told in page.panel.message.content
+        assert text in page.panel.message.content

@@ -28,10 +28,10 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_who_plays_a_log_reads_each_portion_once_and_few_are_kept(folder, monkeypatch):
-    asked = []
+    reads = []
 
     def counted(folder, frames):
-        asked.append(frames)
+        reads.append(frames)
         return read_boxes(folder, frames)
 
     read_boxes = log_frames.read_boxes
@@ -40,13 +40,13 @@ def test_who_plays_a_log_reads_each_portion_once_and_few_are_kept(folder, monkey
     frames = LogFrames(few, folder)
     for number in frames.numbers:
         frames.log_of(number)
-    assert asked == [frames.numbers[at : at + 3] for at in range(0, FRAMES, 3)]
+    assert reads == [frames.numbers[at : at + 3] for at in range(0, FRAMES, 3)]
     assert len(frames._read) == PORTIONS
     frames.log_of(frames.numbers[-3])  # is still there
     assert frames.log_of(frames.numbers[0]) is few
-    assert len(asked) == 8
+    assert len(reads) == 8
     frames.log_of(frames.numbers[1])
-    assert len(asked) == 9
+    assert len(reads) == 9
 
 
 def test_a_studio_shows_all_frames_and_its_numbers_are_of_some(folder, tmp_path):
@@ -57,9 +57,9 @@ def test_a_studio_shows_all_frames_and_its_numbers_are_of_some(folder, tmp_path)
     for number in (5, 25, 35, 115, 225):
         for one in (studio, whole):
             one.show_frame(number)
-        found, expected = (one.view.objects(one.placement) for one in (studio, whole))
-        pd.testing.assert_frame_equal(found.reset_index(drop=True), expected.reset_index(drop=True))
-        assert len(found) == (0 if number == 25 else 2)
+        seen, expected = (one.view.objects(one.placement) for one in (studio, whole))
+        pd.testing.assert_frame_equal(seen.reset_index(drop=True), expected.reset_index(drop=True))
+        assert len(seen) == (0 if number == 25 else 2)
     assert studio.numbers() == Studio(file, few, ROI).numbers() != whole.numbers()
     studio.show_frame(115)
     assert studio.plot().data

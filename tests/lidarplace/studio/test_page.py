@@ -38,27 +38,27 @@ def test_a_person_types_undoes_saves_and_reloads(page):
     studio = page.studio
     assign(page.panel.cloud, False)  # a browser without a GPU draws points for seconds
     with chromium("--use-gl=swiftshader", "--enable-unsafe-swiftshader") as (browser, expect):
-        asked = []
+        requests = []
         tab = browser.new_page(viewport={"width": 640, "height": 480})
         tab.set_default_timeout(1000 * GUARD_S)
-        tab.on("request", lambda request: asked.append(request.url))
+        tab.on("request", lambda request: requests.append(request.url))
         # Five frames a second: each is drawn by the CPU.
         slow = "requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 200)"
         tab.add_init_script(slow)
         tab.goto(page.address)
         expect.set_options(timeout=1000 * GUARD_S)
-        shown = tab.locator("[data-exact=true] [data-row=s-mig] b")
+        number = tab.locator("[data-exact=true] [data-row=s-mig] b")
         before = s_mig_of(studio)
-        expect(shown).to_have_text(before)
+        expect(number).to_have_text(before)
 
         field = tab.get_by_label("pitch, °")
         field.fill("14.5")
-        expect(shown).not_to_have_text(before)
-        expect(shown).to_have_text(s_mig_of(studio))
+        expect(number).not_to_have_text(before)
+        expect(number).to_have_text(s_mig_of(studio))
         assert studio.rig.pose(0)["pitch"] == 14.5
 
         tab.get_by_role("button", name="undo").click()
-        expect(shown).to_have_text(before)
+        expect(number).to_have_text(before)
         expect(field).to_have_value("0")
         tab.get_by_role("button", name="redo").click()
         expect(field).to_have_value("14.5")
@@ -79,7 +79,7 @@ def test_a_person_types_undoes_saves_and_reloads(page):
         assert read_rigs(studio.file.path).rigs == studio.rigs
 
         tab.reload()
-        expect(shown).to_have_text(s_mig_of(studio))
+        expect(number).to_have_text(s_mig_of(studio))
         expect(field).to_have_value("14.5")
 
         for typed, read in (("1,0", 1.0), ("-0,5", -0.5), ("7", 7.0)):
@@ -95,12 +95,13 @@ def test_a_person_types_undoes_saves_and_reloads(page):
             expect(field).to_have_value("")
             assert field.get_attribute("placeholder") == f"{unclear}?"
         assert studio.rig.pose(0)["pitch"] == 7.5
-    outside = [url for url in asked if not re.match(r"(https?|ws)://127\.0\.0\.1|blob:|data:", url)]
+    local = r"(https?|ws)://127\.0\.0\.1|blob:|data:"
+    outside = [url for url in requests if not re.match(local, url)]
     assert not outside
 
 
 def drag(page, phase, position=(0.1, 0.6, 1.8), wxyz=None):
-    """What the browser tells when somebody pulls at the handle."""
+    """Return what a browser sends when somebody pulls at the handle."""
     wxyz = quaternion(page.studio.rig.mounts[page.editing.chosen]) if wxyz is None else wxyz
     target = SimpleNamespace(position=np.array(position), wxyz=wxyz)
     with pytest.raises(StopIteration):
@@ -136,8 +137,8 @@ def test_a_drag_moves_what_was_dragged_in_one_step_and_above_the_ground_alone(pa
 
 def test_a_drag_without_an_end_is_drawn_at_rest_and_kept_by_the_next_step(page):
     drag(page, "update", (0.5, 0.6, 1.8))
-    numbers, shown = page.panel.numbers, s_mig_of(page.studio)
-    until(lambda: shown in numbers.content and 'data-exact="true"' in numbers.content)
+    numbers, displayed = page.panel.numbers, s_mig_of(page.studio)
+    until(lambda: displayed in numbers.content and 'data-exact="true"' in numbers.content)
     page.studio.pose(0, z=1.9)
     page.studio.undo()
     assert page.studio.rig.pose(0)["x"] == 0.5
@@ -174,8 +175,8 @@ def test_ten_browsers_see_the_same_rig_and_half_of_them_leave_in_the_midst_of_a_
 def test_every_button_does_what_it_says(page):
     studio = page.studio
     counts = {"duplicate": 3, "mirror": 4, "add": 5, "to zone": 5, "remove": 4}
-    for what, number in counts.items():
-        page.editing.change(what)
+    for kind, number in counts.items():
+        page.editing.change(kind)
         assert len(studio.rig.lidars) == number
     studio.model(page.editing.one(), "pandar40p")
     assert studio.rig.lidars[page.editing.one()].model == "pandar40p"
@@ -217,42 +218,42 @@ def test_what_is_typed_while_the_fields_are_drawn_is_not_lost(page, browser, mon
 
 
 def test_another_rig_stands_beside_in_one_colour_over_it_or_apart(page, browser, monkeypatch):
-    studio, beside = page.studio, page._drawing.other_rig
-    asked, cloud = [], FrameView.cloud
+    studio, other_rig = page.studio, page._drawing.other_rig
+    calls, cloud = [], FrameView.cloud
 
     def counted(view, placement, most):
-        asked.append(placement)
+        calls.append(placement)
         return cloud(view, placement, most)
 
     monkeypatch.setattr(FrameView, "cloud", counted)
-    assert not beside._node.visible
+    assert not other_rig._node.visible
     browser.type("also, in violet", "left handed")
     other = studio.placement_of(studio.rigs[1])
-    until(lambda: beside._node.visible and other in asked)
-    until(lambda: len(beside._nodes._cloud.points) > 1)
-    shown = cloud(studio.view, other, RESTING_POINTS).points
-    assert beside._nodes._cloud.points == pytest.approx(shown, abs=0.02)
-    assert {tuple(colour) for colour in beside._nodes._cloud.colors} == {rgb(VIOLET)}
-    assert (len(beside._nodes._lidars), beside._node.position.tolist()) == (1, [0, 0, 0])
+    until(lambda: other_rig._node.visible and other in calls)
+    until(lambda: len(other_rig._nodes._cloud.points) > 1)
+    points = cloud(studio.view, other, RESTING_POINTS).points
+    assert other_rig._nodes._cloud.points == pytest.approx(points, abs=0.02)
+    assert {tuple(colour) for colour in other_rig._nodes._cloud.colors} == {rgb(VIOLET)}
+    assert (len(other_rig._nodes._lidars), other_rig._node.position.tolist()) == (1, [0, 0, 0])
     assert "/other_rig/lidars/0/name" not in browser.texts
-    number = asked.count(other)
+    number = calls.count(other)
     drag(page, "update", (0.3, 0.6, 1.8))
     drag(page, "end")
     exact = [s_mig_of(studio), 'data-exact="true"']
     until(lambda: all(text in page.panel.numbers.content for text in exact))
-    assert asked.count(other) == number  # it has not moved
+    assert calls.count(other) == number  # it has not moved
     browser.type("apart", True)
-    until(lambda: beside._node.position.tolist() == [0, 21, 0])  # as wide as the ROI, and 5 m
+    until(lambda: other_rig._node.position.tolist() == [0, 21, 0])  # as wide as the ROI, and 5 m
     until(lambda: browser.cameras and browser.cameras[-1] != EYE)
-    assert beside._apart.visible
+    assert other_rig._apart.visible
     studio.show_frame(2)
     page.refresh(resting=False)  # as when it is played
-    until(lambda: beside._objects == (other, studio.view))
+    until(lambda: other_rig._objects == (other, studio.view))
     browser.type("apart", False)
-    until(lambda: not beside._apart.visible and browser.cameras[-1] == EYE)
+    until(lambda: not other_rig._apart.visible and browser.cameras[-1] == EYE)
     page.editing.choose_rig("left handed")
     page.refresh()
-    until(lambda: not beside._node.visible and page.panel.other_rig.value == NO_RIG)
+    until(lambda: not other_rig._node.visible and page.panel.other_rig.value == NO_RIG)
     assert set(page.panel.other_rig.options) == {NO_RIG, "roof"}
 
 
@@ -309,9 +310,9 @@ def test_a_pull_leaves_what_was_not_touched():
         assert dragged(before, np.array([0.1234567, 0.6, 1.8]), wxyz) == {}
         assert dragged(before, np.array([0.1234567, 0.6, 1.9004]), -wxyz) == {"z": 1.9}
         to = dict(zip(POSE, [0.1234567, 0.6, 1.8, 10.0, -20.0, 100.0], strict=True))
-        there = Mount.degrees(**to)
-        found = before | dragged(before, there.position, quaternion(there))
-        assert Mount.degrees(**found).rotation == pytest.approx(there.rotation, abs=0.003)
+        mount = Mount.degrees(**to)
+        pose = before | dragged(before, mount.position, quaternion(mount))
+        assert Mount.degrees(**pose).rotation == pytest.approx(mount.rotation, abs=0.003)
 
 
 def test_tables_escape_names_and_say_what_is_not_known():

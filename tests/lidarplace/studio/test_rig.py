@@ -27,9 +27,9 @@ def mounts(draw):
 
 @st.composite
 def rigs(draw):
-    own = draw(st.lists(mounts(), min_size=1, max_size=3, unique_by=lambda m: (m["x"], m["y"])))
+    written = draw(st.lists(mounts(), min_size=1, max_size=3, unique_by=lambda m: (m["x"], m["y"])))
     convention = draw(st.sampled_from([{}, {"convention": "ego"}, {"convention": "carla"}]))
-    return convention | {"mounts": own}
+    return convention | {"mounts": written}
 
 
 @settings(derandomize=True)

@@ -1,4 +1,4 @@
-"""Who may drive the studio: pages of its own address, and nobody else."""
+"""Access to the studio: pages of its own address, and nobody else."""
 
 import socket
 import threading
@@ -38,14 +38,14 @@ def address():
 
 
 def status(address, path, host="{host}", origin="http://{host}"):
-    """How a websocket is answered; 101: it is open, and told what the page shows."""
-    own = urlsplit(address).netloc
-    host = host.format(host=own)
-    how = {"origin": origin and origin.format(host=host), "subprotocols": PROTOCOLS}
-    wire = socket.create_connection(own.split(":"))
+    """Return how a websocket is answered; 101: it is open, and gets what the page shows."""
+    netloc = urlsplit(address).netloc
+    host = host.format(host=netloc)
+    options = {"origin": origin and origin.format(host=host), "subprotocols": PROTOCOLS}
+    wire = socket.create_connection(netloc.split(":"))
     try:
-        with wire, connect(f"ws://{host}{path}", sock=wire, **how) as asked:
-            assert asked.recv()
+        with wire, connect(f"ws://{host}{path}", sock=wire, **options) as socket_:
+            assert socket_.recv()
             return 101
     except InvalidStatus as error:
         return error.response.status_code
@@ -72,19 +72,19 @@ def test_a_name_that_was_bound_to_this_machine_is_refused(address):
 
 
 def test_a_page_is_served_under_its_whole_address_alone(address):
-    own = urlsplit(address)
+    parts = urlsplit(address)
     for path, host, code in (
-        (own.path, own.netloc, 200),
-        (f"{own.path}/?websocket=ws://{own.netloc}", own.netloc, 200),
-        ("/", own.netloc, 403),
-        ("/index.html", own.netloc, 403),
-        (own.path, "evil.example", 403),
-        (f"{own.path}/../../__init__.py", own.netloc, 403),
+        (parts.path, parts.netloc, 200),
+        (f"{parts.path}/?websocket=ws://{parts.netloc}", parts.netloc, 200),
+        ("/", parts.netloc, 403),
+        ("/index.html", parts.netloc, 403),
+        (parts.path, "evil.example", 403),
+        (f"{parts.path}/../../__init__.py", parts.netloc, 403),
     ):
-        asked = HTTPConnection(own.netloc)
-        asked.request("GET", path, headers={"Host": host})
-        assert asked.getresponse().status == code, path
-        asked.close()
+        connection = HTTPConnection(parts.netloc)
+        connection.request("GET", path, headers={"Host": host})
+        assert connection.getresponse().status == code, path
+        connection.close()
 
 
 def test_every_session_has_a_port_and_a_token_of_its_own_and_no_public_address(address):
@@ -105,7 +105,7 @@ def test_a_port_in_use_is_one_line(address):
 
 
 def test_a_viser_that_cannot_be_checked_does_not_serve(monkeypatch):
-    """As if it had got hold of the listening call before."""
+    """A viser that got hold of the listening call before."""
     listens = SimpleNamespace(asyncio=SimpleNamespace(server=SimpleNamespace(serve=serve)))
     monkeypatch.setattr(viser.infra._infra, "websockets", listens)
     with refused((f"viser {viser.__version__}", "", ""), "pip install"), serving(None, "one"):
@@ -127,18 +127,18 @@ def elsewhere(tmp_path):
 
 @pytest.mark.long
 def test_in_a_browser_a_page_from_elsewhere_cannot_connect(address, elsewhere):
-    own = urlsplit(address)
-    secret, plain = address.replace("http", "ws"), f"ws://{own.netloc}/"
+    parts = urlsplit(address)
+    secret, plain = address.replace("http", "ws"), f"ws://{parts.netloc}/"
     bound = secret.replace("127.0.0.1", "evil.example")
     with chromium("--host-resolver-rules=MAP evil.example 127.0.0.1") as (browser, _):
         tab = browser.new_page()
-        for page, url, found in (
+        for page, url, outcome in (
             (f"{EVIL}:{elsewhere}", plain, "refused"),
             (f"{EVIL}:{elsewhere}", secret, "refused"),
             (f"http://127.0.0.1:{elsewhere}", secret, "refused"),
-            (f"{EVIL}:{own.port}", bound, "refused"),
+            (f"{EVIL}:{parts.port}", bound, "refused"),
             (address, plain, "refused"),
             (address, secret, "read"),
         ):
             tab.goto(page)
-            assert tab.evaluate(ASK, url) == found, (page, url)
+            assert tab.evaluate(ASK, url) == outcome, (page, url)

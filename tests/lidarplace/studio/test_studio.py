@@ -35,13 +35,13 @@ from tests.refused import refused
 def test_the_numbers_are_those_of_evaluate(studio):
     studio.pose(0, x=0.5, yaw=30.0)
     studio.add(x=-0.5, z=1.9, pitch=5.0)
-    found = studio.numbers()
+    numbers = studio.numbers()
     grid = OccupancyGrid.from_boxes(studio.log.boxes, ROI, "Car", frames=len(studio.log.frames))
     expected = evaluate(grid, studio.placement)
     recall = ExpectedRecall.from_log(studio.log, ROI, ["Car"], frames=RECALL_FRAMES)
-    assert found.s_mig["Car"] == expected.s_mig < 0
-    assert found.covered_entropy["Car"] == expected.covered_entropy
-    assert found.expected_recall["Car"] == recall.of(studio.placement)["expected_recall"]["Car"]
+    assert numbers.s_mig["Car"] == expected.s_mig < 0
+    assert numbers.covered_entropy["Car"] == expected.covered_entropy
+    assert numbers.expected_recall["Car"] == recall.of(studio.placement)["expected_recall"]["Car"]
     assert len(studio.placement.mounts) == 3
 
 
@@ -87,11 +87,11 @@ def test_violations_say_where_and_by_how_much(tmp_path):
     text += "keep_out: {hatch: {x: [-0.2, 0.2], y: [-0.9, -0.3], z: [1.6, 1.85]}}\n"
     studio = studio_of(tmp_path, text)
     studio.pose(0, y=1.0, z=2.1)  # 0.3 m and 0.1 m outside of the zone
-    found = {(v.limit, v.lidars): v.excess for v in studio.violations()}
-    assert found["zone", (0,)] == pytest.approx(math.hypot(0.3, 0.1))
-    assert found["keep_out", (1,)] == pytest.approx(0.05)
-    assert math.isnan(found["price", ()])  # the file's own LiDAR has no price
-    assert found["body_share", (1,)] > 0.1  # what is kept out hides the view as the body does
+    excess = {(v.limit, v.lidars): v.excess for v in studio.violations()}
+    assert excess["zone", (0,)] == pytest.approx(math.hypot(0.3, 0.1))
+    assert excess["keep_out", (1,)] == pytest.approx(0.05)
+    assert math.isnan(excess["price", ()])  # the file's own LiDAR has no price
+    assert excess["body_share", (1,)] > 0.1  # what is kept out hides the view as the body does
     studio.pose(0, x=0.0, y=-0.2, z=1.8)
     assert {v.limit: v.excess for v in studio.violations()}["distance"] == pytest.approx(0.1)
     studio.pose(1, x=0.0, y=0.0, z=1.0)
@@ -132,9 +132,9 @@ requirements:
     assert 0 < len(few) < len(outcome.positions.points)
     assert ground.share == len(few) / len(outcome.positions.points)
     assert ground.edge == 0.9
-    (found,) = studio.violations()
-    assert (found.limit, found.excess) == ("requirement", 4 - outcome.worst.value)
-    assert "somebody near: 0 points, 4 short of 4; worst at x" in found.text
+    (violation,) = studio.violations()
+    assert (violation.limit, violation.excess) == ("requirement", 4 - outcome.worst.value)
+    assert "somebody near: 0 points, 4 short of 4; worst at x" in violation.text
     assert studio.outcomes() is studio.outcomes()  # is worked out once a rig
     studio.enable(0, False)
     assert [v.text for v in studio.violations()] == ["somebody near: no LiDAR works"]
@@ -172,8 +172,8 @@ def test_a_saved_file_is_the_same_rigs(tmp_path_factory, pose):
     path = studio.save(folder / "new.yaml")
     assert read_rigs(path).rigs == studio.rigs
     before, after = parse_yaml(TEXT), parse_yaml(path.read_text())
-    own, other = (content.pop("placements")["left handed"] for content in (before, after))
-    assert own == other
+    original, other = (content.pop("placements")["left handed"] for content in (before, after))
+    assert original == other
     assert before == after
 
 
@@ -207,13 +207,13 @@ def test_a_sweep_of_the_rigs_can_be_planned(studio, scene, tmp_path):
 
 
 def test_no_sweep_is_written_of_a_lidar_in_the_body_or_that_sees_nothing(tmp_path, scene):
-    """Those that the sweep itself refuses; the same that the page marks."""
+    """A sweep itself rejects the same rigs, and the page marks them."""
     path, sky = tmp_path / "sweep.yaml", {"x": 0, "y": 0, "z": 2.6, "lidar": "bpearl"}
     within, outside = {"x": 0, "y": 0, "z": 0.8}, {"x": 5, "y": 0, "z": 0.8}
     rack = {"rack": {"x": [4, 6], "y": [-1, 1], "z": [0, 1]}}
     ahead = sky | {"x": 2.4, "z": 0.6, "pitch_deg": 90}
     big, near = {"lidar": {"size_mm": [400, 400, 400]}}, {"constraints": {"distance": 0.0}}
-    for mounts, keys, told in (
+    for mounts, keys, text in (
         ([ahead, sky], {}, "LiDAR 1: sees no ground and nothing below 2 m"),
         ([sky], {"allow_blind_lidars": False}, "LiDAR 0: sees no ground"),
         (
@@ -228,17 +228,17 @@ def test_no_sweep_is_written_of_a_lidar_in_the_body_or_that_sees_nothing(tmp_pat
         ([ahead], {}, None),
     ):
         studio = studio_of(tmp_path, {"placements": {"one": {"mounts": mounts}}, **keys})
-        if told is None:
+        if text is None:
             assert not studio.misplaced()
             studio.sweep(path, scene)
             read_plan(path)
             path.unlink()
             continue
         violation, *_ = studio.misplaced()
-        assert re.search(told, violation.text)
-        with pytest.raises(ValueError, match=rf"^rig 'one': .*{told}"):
+        assert re.search(text, violation.text)
+        with pytest.raises(ValueError, match=rf"^rig 'one': .*{text}"):
             studio.sweep(path, scene)
-        with pytest.raises(ValueError, match=told):
+        with pytest.raises(ValueError, match=text):
             studio.evaluation(path, scene)
         assert not path.exists()
     studio.pose(0, z=2.6, pitch=0)
@@ -282,7 +282,8 @@ def test_evaluations_are_judged_by_the_generalist_of_the_package(tmp_path, scene
     _, plan = read_plan(path)
     assert {trial.grid_point.point.placement for trial in plan.trials} == {"roof", "one"}
     assert {trial.learns.stage.name for trial in plan.trials} == {"pretrained"}
-    rays = [sum(own.rays for own in t.collect_test[0].stage.placement.lidars) for t in plan.trials]
+    rigs = [trial.collect_test[0].stage.placement for trial in plan.trials]
+    rays = [sum(lidar.rays for lidar in rig.lidars) for rig in rigs]
     assert 0.5 * MOST_RAYS < max(rays) <= 1.01 * MOST_RAYS
     path.write_text(path.read_text() + "training: {score_threshold: 0.2}\n")
     studio.pose(0, x=0.3)
@@ -307,10 +308,10 @@ def test_what_a_sweep_has_found_is_read_from_its_folder(tmp_path):
     text = "placement,mean,low,high,sd\na,50,40,60,\nb,30,,,\n"
     (tables / "best-recall-0.5-all.csv").write_text(text)
     (tables / "other.csv").write_text("x\n1\n")
-    found = found_by_sweep(tmp_path)
-    assert list(found) == ["recall 0.5 all"]
-    assert found["recall 0.5 all"].loc["a"].tolist() == [50, 40, 60]
-    assert math.isnan(found["recall 0.5 all"].loc["b", "low"])
+    results = found_by_sweep(tmp_path)
+    assert list(results) == ["recall 0.5 all"]
+    assert results["recall 0.5 all"].loc["a"].tolist() == [50, 40, 60]
+    assert math.isnan(results["recall 0.5 all"].loc["b", "low"])
     (tables / "best-ap.csv").write_text("placement,mean\na,1\n")
     with refused(("best-ap.csv", "low, high", "mean")):
         found_by_sweep(tmp_path)
@@ -335,19 +336,19 @@ def test_why_an_object_is_not_seen(tmp_path):
 
 def test_corrections_lie_with_the_file_and_lose_what_is_not_seen(tmp_path):
     (tmp_path / "c.yaml").write_text("factor: {Car: 0.25}")
-    own = "{beams: 32, azimuth_steps: 1800%s}"
-    text = f"placements: {{a: {{mounts: [{{z: 1.7, lidar: {own}}}]}}}}\n"
-    found = []
+    lidar = "{beams: 32, azimuth_steps: 1800%s}"
+    text = f"placements: {{a: {{mounts: [{{z: 1.7, lidar: {lidar}}}]}}}}\n"
+    by_correction = []
     for extra in ("", ", correction: c.yaml"):
         studio = studio_of(tmp_path, text % extra, (8.0, 0.0))
         table = studio.view.objects(studio.placement).set_index("object_id")
         (rays,) = studio.why_unseen("car 0")
         assert rays.aimed == rays.returned + rays.dark + rays.lost + sum(rays.stopped.values())
         assert table["points"]["car 0"] == pytest.approx(rays.returned, abs=5 * rays.lost**0.5)
-        found.append(rays)
-    assert found[0].lost == 0
-    assert found[1].returned == pytest.approx(found[0].returned / 4, abs=1)
-    assert "about" in found[1].text
+        by_correction.append(rays)
+    assert by_correction[0].lost == 0
+    assert by_correction[1].returned == pytest.approx(by_correction[0].returned / 4, abs=1)
+    assert "about" in by_correction[1].text
 
 
 def test_blind_ground_is_where_no_ray_passes():
@@ -355,81 +356,33 @@ def test_blind_ground_is_where_no_ray_passes():
     vehicle = Vehicle("van", np.array([[[-2.0, -1.0, 0.0], [2.0, 1.0, 2.0]]]))
     lidar = Lidar.even(8, (-30.0, 0.0), azimuth_steps=720, range=50.0)
     rig = Placement("one", [Mount.degrees(x=1.0, y=0.3, z=2.2, pitch=8.0)], lidar=lidar)
-    found = blind_ground(rig, vehicle, 1.5)
-    blind = {tuple(cell) for cell in np.floor(found.middles / EDGE_M).astype(int).tolist()}
-    assert 0.1 < found.share < 0.9
+    ground = blind_ground(rig, vehicle, 1.5)
+    blind = {tuple(cell) for cell in np.floor(ground.middles / EDGE_M).astype(int).tolist()}
+    assert 0.1 < ground.share < 0.9
     far = np.linspace(0.05, 15.0, 1200)
     points = rig.mounts[0].position + (
         far[:, None, None] * (lidar.directions() @ rig.mounts[0].rotation.T)
     )
     low, high = vehicle.boxes[0]
     stopped = np.maximum.accumulate(((points > low) & (points < high)).all(axis=2), axis=0)
-    there = points[~stopped & (points[..., 2] > LOWEST_M) & (points[..., 2] < 1.5)]
-    seen = {tuple(cell) for cell in np.floor(there[:, :2] / EDGE_M).astype(int).tolist()}
+    seen_points = points[~stopped & (points[..., 2] > LOWEST_M) & (points[..., 2] < 1.5)]
+    seen = {tuple(cell) for cell in np.floor(seen_points[:, :2] / EDGE_M).astype(int).tolist()}
     # A voxel is seen by its middle, so what lies behind an edge of the body may be said blind.
     assert len(seen & blind) < 0.03 * len(seen)
     behind = [cell for cell in blind if cell[0] * EDGE_M < -2.5 and abs(cell[1]) * EDGE_M < 0.5]
     assert behind
 
 
-def test_improving_finds_more_within_the_limits(studio):
-    studio.pose(0, x=0.9, y=0.6, z=1.6, roll=0.0, pitch=-30.0, yaw=0.0)
-    before, other = studio.numbers().expected_recall["Car"], studio.rig.pose(1)
-    found = studio.improve(0)
-    assert found.before == before
-    assert found.after == studio.numbers().expected_recall["Car"] > before
-    assert studio.rig.pose(1) == other
-    assert not studio.violations()
-    assert studio.undo()
-    assert studio.rig.pose(0)["pitch"] == -30.0
-
-
-def test_one_more_goes_where_it_finds_most(studio):
-    """At least as much as at any level pose of a grid in the zone; all rays are compared here."""
-    before = studio.numbers().mean_recall
-    levels = [
-        Mount(x, y, z)
-        for x in np.linspace(-1, 1, 5)
-        for y in np.linspace(-0.7, 0.7, 5)
-        for z in (1.6, 2.0)
-        if math.hypot(x - 0.1, y - 0.6) > 0.2 < math.hypot(x, y + 0.6)
-    ]
-    rigs = [Placement("level", [*studio.rig.mounts, mount], studio.file.lidar) for mount in levels]
-    best = max(studio.meter.measure(rig).mean_recall for rig in rigs)
-    found = studio.add_best()
-    assert found.before == before
-    assert found.after == studio.numbers().mean_recall > before
-    assert found.after >= best - 1e-3  # the search is local
-    assert len(studio.rig.lidars) == 3
-    assert not [v for v in studio.violations() if v.limit != "price"]
-    assert studio.undo()
-    assert len(studio.rig.lidars) == 2
-    studio.add_best("vlp16")
-    assert studio.rig.lidars[2].model == "vlp16"
-
-
-def test_the_best_place_is_within_the_limits_or_there_is_none(tmp_path):
-    far = "zones: {roof: {x: 0, y: 0, z: 2, standoff: 0.5}}\n"
-    studio = studio_of(tmp_path, far)
-    studio.add_best()
-    assert (studio.rig.mounts[0].position == [0, 0, 2]).all()
-    free = studio_of(tmp_path, "")
-    free.add_best("at128")  # looks forward alone, and there the car is
-    assert free.numbers().mean_recall > 0
-    assert abs(free.rig.pose(0)["yaw"]) < 90
-    assert not free.violations()
-
-
 def test_the_example_keeps_its_own_constraints():
     file = read_rigs(Path(__file__).parents[3] / "examples/studio.yaml")
     assert [len(rig.lidars) for rig in file.rigs] == [0, 4]
-    assert not [found for rig in file.rigs for found in violations(rig, file)]
-    names = [own.requirement.name for own in file.layouts]
+    assert not [violation for rig in file.rigs for violation in violations(rig, file)]
+    names = [layout.requirement.name for layout in file.layouts]
     assert names == ["a child ahead", "cyclists in the next lanes"]
 
 
 def test_pairs_of_sensors_and_prices_of_cameras(tmp_path):
-    """What calibration needs and what blinds; a camera has a price, and goes back into the file."""
+    """Calibration needs a common view; a camera has a price, and goes back into the file."""
     text = """
 lidar: {beams: 5, elevation_deg: [-20, 10], azimuth_steps: 90, range: 30}
 constraints: {common_view: {pairs: all, share: 0.9}, facing: 0, price: 20}
@@ -442,14 +395,14 @@ placements:
     cameras: [{name: rear, x: -1.7, z: 1.6, yaw_deg: 180, model: a2d2_front_camera, price: 15}]
 """
     studio = studio_of(tmp_path, text)
-    found = {one.limit: one for one in studio.violations()}
-    assert set(found) == {"common_view", "facing", "price"}
-    assert found["facing"].lidars == (0, 1)
-    assert found["facing"].text == "LiDARs 0 and 1: look into each other"
-    assert found["price"].excess == pytest.approx(3)
-    assert "and rear: " in found["common_view"].text
-    assert len(found["common_view"].lidars) == 1
-    assert found["common_view"].excess > 0
+    violations = {one.limit: one for one in studio.violations()}
+    assert set(violations) == {"common_view", "facing", "price"}
+    assert violations["facing"].lidars == (0, 1)
+    assert violations["facing"].text == "LiDARs 0 and 1: look into each other"
+    assert violations["price"].excess == pytest.approx(3)
+    assert "and rear: " in violations["common_view"].text
+    assert len(violations["common_view"].lidars) == 1
+    assert violations["common_view"].excess > 0
     studio.pose(1, z=2.2)
     assert "facing" not in {one.limit for one in studio.violations()}
     assert studio.file.text_with(studio.rigs).count("a2d2_front_camera") == 1

@@ -43,18 +43,18 @@ def screened(request, tmp_path):
 
 def test_what_the_vehicle_hides_is_not_seen(screened, tmp_path):
     free = studio_of(tmp_path, vehicle=[])
-    there = free.view.objects(free.placement).set_index("object_id")
-    assert there["points"].min() > 0
+    unhidden = free.view.objects(free.placement).set_index("object_id")
+    assert unhidden["points"].min() > 0
     seen = screened.view.objects(screened.placement).set_index("object_id")
-    assert seen["points"].to_dict() == {"car 0": 0, "car 1": there["points"]["car 1"]}
+    assert seen["points"].to_dict() == {"car 0": 0, "car 1": unhidden["points"]["car 1"]}
     recall = screened.numbers().expected_recall["Car"]
-    assert recall == pytest.approx(there["probability"]["car 1"] / 2)
+    assert recall == pytest.approx(seen["probability"]["car 1"] / 2)
     x, y, _ = screened.view.cloud(screened.placement, 10**6).points.T
     assert (x < -5).any()
     assert not ((x > 1.6) & (np.abs(y) < 2.5 * x)).any()
     (rays,) = screened.why_unseen("car 0")
     assert rays.stopped == {"the vehicle itself": rays.aimed}
-    assert rays.aimed == there["points"]["car 0"]
+    assert rays.aimed == unhidden["points"]["car 0"]
 
 
 def test_a_sweep_of_the_rigs_has_the_same_clouds(screened, scene, tmp_path):

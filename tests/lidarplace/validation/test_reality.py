@@ -31,14 +31,14 @@ def objects() -> pd.DataFrame:
 
 
 def problem(objects: pd.DataFrame) -> tuple[FitData, Returns, np.ndarray]:
-    own = objects.reset_index(drop=True)
-    zeros = np.zeros(len(own), np.int64)
+    rows = objects.reset_index(drop=True)
+    zeros = np.zeros(len(rows), np.int64)
     returns = Returns(
-        np.arange(len(own)), zeros, zeros,
-        own["simulated"].to_numpy(float), own["distance"].to_numpy(float),
+        np.arange(len(rows)), zeros, zeros,
+        rows["simulated"].to_numpy(float), rows["distance"].to_numpy(float),
     )  # fmt: skip
-    shares = np.ones(len(own))
-    return FitData.of(own, returns, shares), returns, shares
+    shares = np.ones(len(rows))
+    return FitData.of(rows, returns, shares), returns, shares
 
 
 def test_the_fit_on_three_logs_corrects_the_fourth(objects):
@@ -46,10 +46,10 @@ def test_the_fit_on_three_logs_corrects_the_fourth(objects):
     for route in objects["route"].unique():
         fitted = problem(objects[objects["route"] != route])[0].fit()
         assert fitted.distance is not None
-        own = objects[objects["route"] == route].reset_index(drop=True)
-        _, returns, shares = problem(own)
-        points = fitted.points(returns, own["class"].to_numpy(str), shares)
-        ratio = log_ratio(points, own["real"].to_numpy(float))
+        rows = objects[objects["route"] == route].reset_index(drop=True)
+        _, returns, shares = problem(rows)
+        points = fitted.points(returns, rows["class"].to_numpy(str), shares)
+        ratio = log_ratio(points, rows["real"].to_numpy(float))
         bias.append(np.median(ratio))
         spread.append(np.median(np.abs(ratio)))
     assert abs(np.mean(bias)) <= 0.1
@@ -63,19 +63,19 @@ def test_the_packaged_factors_are_those_of_the_facts(objects):
     packaged = read_correction("av2_fleet")
     at = 30.0
     for name in ("Car", "Cyclist", "Pedestrian"):
-        own, known = (f.factor[name] * np.exp(-at / f.distance) for f in (fitted, packaged))
-        assert own == pytest.approx(known, rel=0.15), name
+        share, expected = (f.factor[name] * np.exp(-at / f.distance) for f in (fitted, packaged))
+        assert share == pytest.approx(expected, rel=0.15), name
 
 
 def test_the_shadow_is_that_of_the_sweeps_and_of_each_log_by_itself():
-    returned = {n: np.array(own["shares"]) for n, own in enumerate(FACTS["returned"])}
+    returned = {n: np.array(facts["shares"]) for n, facts in enumerate(FACTS["returned"])}
     every = shadows(list(returned.values()))
     mask = read_correction("av2_fleet").lidars["down_lidar"].mask.shares[0]
     np.testing.assert_allclose(every[1], mask, atol=0.02)
     assert (every[0] == 1).all()
-    routes = [own["route"] for own in FACTS["returned"]]
+    routes = [facts["route"] for facts in FACTS["returned"]]
     by_route = [shadows([s for s, r in zip(returned.values(), routes, strict=True) if r == route])
                 for route in set(routes)]  # fmt: skip
-    dark = [own[1] < 0.5 for own in by_route]
+    dark = [shadows_of_route[1] < 0.5 for shadows_of_route in by_route]
     assert (dark[0] == dark[1]).mean() > 0.95
     assert 0.05 < dark[0].mean() < 0.12

@@ -16,7 +16,7 @@ from lidarplace.configuration.vehicle import read_vehicle
 from lidarplace.logs.box_log import read_box_log, write_box_log
 from lidarplace.validation.decision import decide
 from lidarplace.validation.page import with_world
-from lidarplace.validation.simulation import Recording, simulate
+from lidarplace.validation.simulation import SimulatedRig, simulate
 from lidarplace.validation.validation import validate
 from tests.lidarplace.validation.vehicle import NAMES, NOTHING, REAL, RIG, recorded
 from tests.other_simulator import write_log
@@ -30,16 +30,16 @@ def real(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def found(real):
+def results(real):
     folder, log = real
     return validate(log, folder)
 
 
-def test_what_is_lost_is_found_again(found):
-    file = found.correction
+def test_what_is_lost_is_found_again(results):
+    file = results.correction
     for name, share in REAL.factor.items():
         assert file.factor[name] == pytest.approx(share, rel=0.12), name
-        low, high = found.intervals[name]
+        low, high = results.intervals[name]
         assert low <= file.factor[name] <= high
     assert 55 <= file.distance <= 115
     assert set(file.lidars) == set(NAMES)
@@ -56,14 +56,14 @@ def test_all_lidars_have_the_points_of_each(real):
         validate(few, folder)
 
 
-def test_it_is_judged_on_routes_that_it_was_not_fitted_to(found):
-    every = found.scores[found.scores["by"] == "all"].set_index("model")
+def test_it_is_judged_on_routes_that_it_was_not_fitted_to(results):
+    every = results.scores[results.scores["by"] == "all"].set_index("model")
     assert every.loc["shipped", "bias"] > 0.7
     assert abs(every.loc["corrected", "bias"]) < 0.1
     assert every.loc["corrected", "spread"] < 0.3 < every.loc["shipped", "spread"]
-    assert len(found.fits) == found.routes == 4
-    assert found.fits["Car"].nunique() > 1
-    decision = decide(found)
+    assert len(results.fits) == results.routes == 4
+    assert results.fits["Car"].nunique() > 1
+    decision = decide(results)
     assert decision.answer == "with a correction"
     shipped, corrected, routes = decision.why
     assert shipped.startswith("As shipped")
@@ -71,8 +71,8 @@ def test_it_is_judged_on_routes_that_it_was_not_fitted_to(found):
     assert "single routes" in routes
 
 
-def test_subsets_of_the_lidars_are_a_placement_experiment(found):
-    table = found.subsets.set_index(["measure", "class", "subset"])
+def test_subsets_of_the_lidars_are_a_placement_experiment(results):
+    table = results.subsets.set_index(["measure", "class", "subset"])
     cells = table.loc[("cells", "Car")]
     assert set(cells.index) == {"up", "down", "up + down"}
     np.testing.assert_allclose(cells["corrected"], cells["real"], rtol=0.1)
@@ -80,34 +80,36 @@ def test_subsets_of_the_lidars_are_a_placement_experiment(found):
     points = table.loc[("points", "all")]
     np.testing.assert_allclose(points["corrected"], points["real"], rtol=0.1)
     assert points["real"]["up + down"] == pytest.approx(points["real"][["up", "down"]].sum())
-    assert (found.agreement["subsets"] == 3).all()
+    assert (results.agreement["subsets"] == 3).all()
 
 
-def test_the_reason_of_the_worst_is_known_from_clouds(found):
+def test_the_reason_of_the_worst_is_known_from_clouds(results):
     fates = ["in the box", "hidden", "passed beyond", "lost"]
     reasons = {*fates[1:], "too few simulated", "hidden in the simulation alone"}
-    assert set(found.worst["reason"]) <= reasons
-    rays = found.worst[fates].sum(axis=1)
-    np.testing.assert_array_equal(rays, found.worst["shipped"])
+    assert set(results.worst["reason"]) <= reasons
+    rays = results.worst[fates].sum(axis=1)
+    np.testing.assert_array_equal(rays, results.worst["shipped"])
 
 
 def test_a_simulator_that_is_right_is_believed_as_it_is(tmp_path):
-    found = validate(recorded(tmp_path, NOTHING, frames=2), tmp_path)
-    every = found.scores[found.scores["by"] == "all"]
+    results = validate(recorded(tmp_path, NOTHING, frames=2), tmp_path)
+    every = results.scores[results.scores["by"] == "all"]
     np.testing.assert_array_equal(every["bias"], 0.0)
-    assert decide(found).answer == "yes"
-    assert all(unit.mask is None for unit in found.correction.lidars.values())
+    assert decide(results).answer == "yes"
+    assert all(unit.mask is None for unit in results.correction.lidars.values())
 
 
-def test_a_correction_that_was_fitted_to_the_log_that_judges_it_says_so(found):
-    why = decide(replace(found, correction_given=True)).why
+def test_a_correction_that_was_fitted_to_the_log_that_judges_it_says_so(results):
+    why = decide(replace(results, correction_given=True)).why
     assert "fitted to this very log" in why[2]
-    facts = found.correction.fitted | {"tracks": found.tracks + 1}
-    other = found.correction.model_copy(update={"fitted": facts})
-    assert len(decide(replace(found, correction_given=True, correction=other)).why) == len(why) - 1
+    facts = results.correction.fitted | {"tracks": results.tracks + 1}
+    other = results.correction.model_copy(update={"fitted": facts})
+    assert (
+        len(decide(replace(results, correction_given=True, correction=other)).why) == len(why) - 1
+    )
 
 
-def test_a_wrong_label_is_left_out(real, found):
+def test_a_wrong_label_is_left_out(real, results):
     """A van that is not there, before the vehicle in all frames, hides nothing and counts not."""
     folder, log = real
     van = log.boxes.drop_duplicates("frame").assign(
@@ -116,18 +118,18 @@ def test_a_wrong_label_is_left_out(real, found):
     )  # fmt: skip
     wrong = replace(log, boxes=pd.concat([log.boxes, van], ignore_index=True))
     mended = validate(wrong, folder, without=["van"])
-    pd.testing.assert_frame_equal(mended.scores, found.scores, check_exact=True)
+    pd.testing.assert_frame_equal(mended.scores, results.scores, check_exact=True)
     assert with_world(mended) == "static world for 0% of the objects; left out: van"
-    for name, there in (("bus", "none"), ("", "none"), ("0-", "0-0, 0-1, …")):
-        with refused(("boxes.parquet", "object_id", there), f"'{name}'"):
+    for name, names in (("bus", "none"), ("", "none"), ("0-", "0-0, 0-1, …")):
+        with refused(("boxes.parquet", "object_id", names), f"'{name}'"):
             validate(wrong, folder, without=[name])
 
 
-def test_clouds_of_the_corrected_rig_have_the_real_points(real, found):
+def test_clouds_of_the_corrected_rig_have_the_real_points(real, results):
     """Above z = 0, where the clouds' ground hides nothing of the boxes."""
     _, log = real
     named = zip(NAMES, RIG.placement.lidars, strict=True)
-    lidars = [lidar.corrected(found.correction, name) for name, lidar in named]
+    lidars = [lidar.corrected(results.correction, name) for name, lidar in named]
     high = log.boxes[log.boxes["z"] > log.boxes["height"] / 2]
     ratio = {}
     for name, rig in (("shipped", RIG.placement), ("corrected", RIG.placement.with_lidar(lidars))):
@@ -139,11 +141,11 @@ def test_clouds_of_the_corrected_rig_have_the_real_points(real, found):
 
 
 def test_few_tracks_give_one_number_and_no_decision(tmp_path):
-    found = validate(recorded(tmp_path, REAL, routes=2, objects=10, frames=2), tmp_path)
-    assert found.tracks <= 20
-    assert list(found.correction.factor) == ["other"]
-    assert found.correction.distance is None
-    decision = decide(found)
+    results = validate(recorded(tmp_path, REAL, routes=2, objects=10, frames=2), tmp_path)
+    assert results.tracks <= 20
+    assert list(results.correction.factor) == ["other"]
+    assert results.correction.distance is None
+    decision = decide(results)
     assert decision.answer == "no"
     assert "Too few tracks" in decision.why[0]
 
@@ -154,8 +156,8 @@ def test_ground_hides_nothing(real):
     frames = log.frames["frame"].tolist()[:2]
     sunk = replace(log, boxes=log.boxes.assign(z=log.boxes["z"] - 3.0))
     lower = [replace(mount, z=mount.z - 3.0) for mount in RIG.placement.mounts]
-    high = simulate(Recording(log, RIG.placement), frames)
-    low = simulate(Recording(sunk, replace(RIG.placement, mounts=lower)), frames)
+    high = simulate(SimulatedRig(log, RIG.placement), frames)
+    low = simulate(SimulatedRig(sunk, replace(RIG.placement, mounts=lower)), frames)
     # The own body stays where it is, and hides other rays.
     assert low.points.sum() == pytest.approx(high.points.sum(), rel=0.1)
 
@@ -165,7 +167,7 @@ def test_what_cannot_be_compared_is_one_line(real):
     boxes, other = log.boxes, RIG.subset(["up"])
     lone = boxes.drop(columns=["points/up", "points/down"]).assign(points=0.0)
     lone.loc[boxes["object_id"] == "0-0", "points"] = 30.0
-    for (name, *said), told, change in (
+    for (name, *place), message, change in (
         (("boxes.parquet", "points", "none"), "", {"boxes": boxes.drop(columns="points")}),
         (("boxes.parquet", "", "no boxes"), "", {"boxes": boxes.iloc[:0]}),
         (("rig.json", "scene drive0", "0"), "", {"rigs": {}}),
@@ -174,16 +176,16 @@ def test_what_cannot_be_compared_is_one_line(real):
         (("rig.json", "", ""), "drive0 and drive1", {"rigs": {**log.rigs, "drive1": other}}),
         (("boxes.parquet", "points", "roof"), "", {"boxes": boxes.assign(**{"points/roof": 1.0})}),
     ):
-        with refused((f"{folder}/{name}", *said), told):
+        with refused((f"{folder}/{name}", *place), message):
             validate(replace(log, **change), folder)
 
 
 def test_the_verb_writes_page_tables_and_a_correction(real, tmp_path):
     folder, log = real
     out = tmp_path / "out"
-    done = CliRunner().invoke(app, [str(folder), "--out", str(out)])
-    assert done.exit_code == 0, done.output
-    assert "with a correction" in done.output
+    result = CliRunner().invoke(app, [str(folder), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "with a correction" in result.output
     page = (out / "validation.html").read_text(encoding="utf-8")
     answer, first = page.index("Yes, with a correction"), page.index("<h2>")
     assert answer < first
@@ -191,8 +193,8 @@ def test_the_verb_writes_page_tables_and_a_correction(real, tmp_path):
     assert read_correction(out / "correction.yaml").factor["Car"] == pytest.approx(0.6, rel=0.12)
     scores = pd.read_parquet(out / "scores.parquet")
     assert set(scores["by"]) == {"all", "distance", "class", "route"}
-    given = ["--correction", str(out / "correction.yaml")]
-    again = CliRunner().invoke(app, [str(folder), "--out", str(out), *given])
+    options = ["--correction", str(out / "correction.yaml")]
+    again = CliRunner().invoke(app, [str(folder), "--out", str(out), *options])
     assert again.exit_code == 0, again.output
     assert "With the correction, as given, every check is met." in again.output
     assert len(pd.read_parquet(out / "fits.parquet")) == 0, "it is judged without a fit"
@@ -218,16 +220,16 @@ def test_a_world_that_convert_built_stops_simulated_rays(tmp_path):
     scores, behind = {}, {}
     for name, more in (("open", []), ("world", ["--world"])):
         log, out = str(tmp_path / name), tmp_path / f"{name}_out"
-        done = CliRunner().invoke(convert, ["table", f"{tmp_path}/source", log, *clouds, *more])
-        assert done.exit_code == 0, done.output
-        assert ("static world" in done.output) == bool(more)
-        done = CliRunner().invoke(app, [log, "--out", str(out)])
-        assert done.exit_code == 0, done.output
+        result = CliRunner().invoke(convert, ["table", f"{tmp_path}/source", log, *clouds, *more])
+        assert result.exit_code == 0, result.output
+        assert ("static world" in result.output) == bool(more)
+        result = CliRunner().invoke(app, [log, "--out", str(out)])
+        assert result.exit_code == 0, result.output
         says = f"static world for {100 * len(more)}% of the objects"
-        assert says in done.output
+        assert says in result.output
         assert says in (out / "validation.html").read_text(encoding="utf-8")
-        found = pd.read_parquet(out / "scores.parquet")
-        scores[name] = found[(found["by"] == "all") & (found["model"] == "corrected")].iloc[0]
+        table = pd.read_parquet(out / "scores.parquet")
+        scores[name] = table[(table["by"] == "all") & (table["model"] == "corrected")].iloc[0]
         objects = pd.read_parquet(out / "objects.parquet")
         assert (objects["world"] == bool(more)).all()
         behind[name] = objects.loc[objects["y"] < -12, "points/corrected"].sum()
@@ -244,8 +246,10 @@ def test_the_body_of_the_vehicle_is_the_users(real, tmp_path):
     body.write_text("[[[-2, -3, 0.2], [2, 3, 1.6]]]")
     wide = read_vehicle(body)
     frames = log.frames["frame"].tolist()[:2]
-    sedan, own = (simulate(Recording(log, RIG.placement, 0, v), frames) for v in (None, wide))
-    assert own.points.sum() < 0.9 * sedan.points.sum()
+    sedan, wide_body = (
+        simulate(SimulatedRig(log, RIG.placement, 0, v), frames) for v in (None, wide)
+    )
+    assert wide_body.points.sum() < 0.9 * sedan.points.sum()
     body.write_text("{boxes: [[[0, 0, 0], [1, 1]]]}")
     wrong = CliRunner().invoke(app, [str(folder), "--vehicle", str(body)])
     assert wrong.exit_code == 2
@@ -257,10 +261,10 @@ PERFECT = {"by": "all", "bias": 0.0, "spread": 0.0, "within_2": 1.0, "rho": 1.0,
            "simulated_5": 0.5}  # fmt: skip
 
 
-def judged(found, shipped, corrected=None, **facts):
+def judged(results, shipped, corrected=None, **facts):
     models = {"shipped": shipped, "corrected": corrected or {}}
     rows = [{"model": model} | PERFECT | changes for model, changes in models.items()]
-    return decide(replace(found, scores=pd.DataFrame(rows), **facts))
+    return decide(replace(results, scores=pd.DataFrame(rows), **facts))
 
 
 @pytest.mark.parametrize(
@@ -275,22 +279,22 @@ def judged(found, shipped, corrected=None, **facts):
         ("simulated_5", 0.451, 0.44, "at least 5 points is off by -6.0%"),
     ],
 )
-def test_every_limit_decides(found, column, met, failed, says):
-    assert judged(found, {column: met}).answer == "yes"
-    mended = judged(found, {column: failed})
+def test_every_limit_decides(results, column, met, failed, says):
+    assert judged(results, {column: met}).answer == "yes"
+    mended = judged(results, {column: failed})
     assert mended.answer == "with a correction"
     assert says in mended.why[0]
-    worse = judged(found, {column: failed}, {column: failed})
+    worse = judged(results, {column: failed}, {column: failed})
     assert worse.answer == "no"
     assert says in worse.why[1]
 
 
-def test_too_little_data_is_no(found):
-    assert judged(found, {}, tracks=40).answer == "yes"
-    assert judged(found, {}, tracks=39).answer == "no"
-    one = judged(found, {"rho": 0.5}, routes=1)
+def test_too_little_data_is_no(results):
+    assert judged(results, {}, tracks=40).answer == "yes"
+    assert judged(results, {}, tracks=39).answer == "no"
+    one = judged(results, {"rho": 0.5}, routes=1)
     assert one.answer == "no"
     assert "one route" in one.why[1]
     assert (
-        judged(found, {"rho": 0.5}, routes=1, correction_given=True).answer == "with a correction"
+        judged(results, {"rho": 0.5}, routes=1, correction_given=True).answer == "with a correction"
     )

@@ -66,9 +66,9 @@ def recorded(
     mask[1, :6] = loss.shadow
     factor = np.array([loss.factor.get(name, 1.0) for name in table["class"]])
     counts = {name: np.zeros(len(table)) for name in NAMES}
-    for scene, own in listed.groupby("scene"):
+    for scene, of_scene in listed.groupby("scene"):
         clouds = []
-        for frame in own["frame"]:
+        for frame in of_scene["frame"]:
             random = np.random.default_rng(int(frame))
             rows, points, sizes = surroundings.rows(frame), [], []
             parts = body_parts(None).and_(surroundings.parts(frame, 300.0))
@@ -82,16 +82,16 @@ def recorded(
                 share = mask[n][sectors_of(LIDAR.directions())]
                 own_share = factor[rows][target]
                 share = share * np.where(met, own_share * np.exp(-away / loss.distance), 1.0)
-                kept = random.random(len(at)) < share
-                counts[NAMES[n]][rows] = np.bincount(target[kept & met], minlength=len(rows))
-                seen = np.c_[at[kept], np.full(kept.sum(), 0.5)].astype(np.float32)
+                returns = random.random(len(at)) < share
+                counts[NAMES[n]][rows] = np.bincount(target[returns & met], minlength=len(rows))
+                seen = np.c_[at[returns], np.full(returns.sum(), 0.5)].astype(np.float32)
                 points.append(as_kept(seen[np.abs(seen[:, 2]) < 19], KEPT))
                 sizes.append(len(points[-1]))
             clouds.append((np.concatenate(points), np.array(sizes)))
-        packed = PointClouds.from_frames(own["frame"].to_numpy(), clouds, KEPT)
+        packed = PointClouds.from_frames(of_scene["frame"].to_numpy(), clouds, KEPT)
         write_clouds(folder / "clouds" / "recorded" / scene, packed)
-    of_each = {f"points/{name}": own for name, own in counts.items()}
+    of_each = {f"points/{name}": values for name, values in counts.items()}
     table = table.assign(points=sum(counts.values()), **of_each)
-    done = BoxLog(table, listed, rigs=dict.fromkeys(listed["scene"].unique(), RIG))
-    write_box_log(folder, done)
-    return done
+    log = BoxLog(table, listed, rigs=dict.fromkeys(listed["scene"].unique(), RIG))
+    write_box_log(folder, log)
+    return log

@@ -1,4 +1,4 @@
-"""What a placement sees of a class: all that a surrogate is computed from."""
+"""Inputs of surrogates: the sight that a placement has of a class."""
 
 import math
 from collections.abc import Callable
@@ -7,13 +7,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.coverage import Method
 from lidarplace.pog.surrogates.formulas import Crossings
 
 
+@dataclass(frozen=True)
+class Sensing:
+    """Settings of coverage and of rays; see `lidarplace.evaluate`."""
+
+    method: Method = "cone"
+    detection_probability: float = 0.1
+    occlusion: bool = False
+    azimuth_stride: int = 1
+
+
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """What a placement sees of the POG of one class; what needs rays is worked out when it is
-    called.
+class SurrogateInputs:
+    """Inputs of the surrogates of one class, for a placement on its POG.
+
+    Those that need rays are computed when they are called.
 
     Voxels that are occupied in equally many frames are one level.
 
@@ -38,6 +50,7 @@ class Seen:
     information: Callable[[], float]
 
     def entropy_of(self, number: NDArray[np.number]) -> float:
-        """Sum of H over `number[n]` voxels of level n, nats: of few exact terms, right to its last
-        bits."""
+        """Return the sum of H over `number[n]` voxels of level n, nats.
+
+        It is of few exact terms, right to its last bits."""
         return math.fsum(number * self.entropy)
