@@ -43,7 +43,7 @@ _COLUMNS = TILE * TILE
 _IN_BLOCK = BLOCK**3
 _LEVELS = 2 * HALF_LEVELS
 _SUNK_M = 1e-6
-"""How far a ray may be under a patch where it comes in: rounding at the seam to its neighbour."""
+"""Depth of a ray under a patch where it comes in: rounding at the seam to its neighbour, metres."""
 
 
 class Worlds(NamedTuple):
