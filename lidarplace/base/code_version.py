@@ -25,21 +25,30 @@ _Import = tuple[str, str | None]
 _UNREAD = {"annotation", "returns", "ctx", "type_comment"}
 
 
-@cache
 def code_version(*modules: str) -> str:
-    """Hash the code that modules can run, by their dotted paths; see `Sources.version`."""
+    """Hash the code that modules can run, by their dotted paths; see `Sources.version`.
+
+    Packages are those that Python imports now: a plug-in of another folder has its own version."""
     packages = dict.fromkeys((*PACKAGES, *(module.partition(".")[0] for module in modules)))
-    return _sources(*packages).version(*modules)
+    return _version(tuple((name, place_of(name)) for name in packages), modules)
+
+
+_Places = tuple[tuple[str, Path], ...]
 
 
 @cache
-def _sources(*packages: str) -> "Sources":
-    return Sources({name: place_of(name) for name in packages})
+def _version(places: _Places, modules: tuple[str, ...]) -> str:
+    return _sources(places).version(*modules)
+
+
+@cache
+def _sources(places: _Places) -> "Sources":
+    return Sources(dict(places))
 
 
 def forget_versions() -> None:
     """Read sources anew, as they may have changed since this process started."""
-    code_version.cache_clear()
+    _version.cache_clear()
     _sources.cache_clear()
 
 

@@ -9,7 +9,7 @@ import typer
 
 from lidarplace.base.errors import InputError, at
 from lidarplace.rig_files.mounted import check_lidars, lidars_in
-from lidarplace.rig_files.own import read_own
+from lidarplace.rig_files.mounts_yaml import read_mounts_yaml
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import RecordedRig
@@ -115,7 +115,7 @@ class RigOptions(LogOptions):
                 fix = "name its file: --rig"
                 raise InputError("is the model of a rig", place="--lidar", fix=fix)
             return None
-        mounted = lidars_in(read_own(self.rig))
+        mounted = lidars_in(read_mounts_yaml(self.rig))
         check_lidars(mounted, str(self.rig))
         models = []
         for each in mounted:

@@ -18,8 +18,8 @@ from lidarplace.configuration.further_sensors import CameraSettings, RadarSettin
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import fault
 from lidarplace.rig_files.formats import FORMATS, RigFormat, format_of
-from lidarplace.rig_files.mounted import MountedLidar, Vector, check_lidars, lidars_in, of_frame
-from lidarplace.rig_files.own import read_own, write_own
+from lidarplace.rig_files.mounted import RigSensor, Vector, check_lidars, lidars_in, of_frame
+from lidarplace.rig_files.mounts_yaml import read_mounts_yaml, write_mounts_yaml
 from lidarplace.rigs.catalogue.datasheet import catalogue
 from lidarplace.rigs.rotations import order_caution
 
@@ -110,13 +110,13 @@ def rig(
                 sensors += [of_frame(frame, model(z=0.0)) for frame in frames]
             sensors = [sensor.moved(*start) for sensor in sensors]
         else:
-            sensors = read_own(source)
+            sensors = read_mounts_yaml(source)
             if only:
                 raise InputError("applies only when reading another tool's file", place="--only")
         check_lidars(sensors, str(source))
         sensors = _with_models(sensors, {"lidar": lidar, "camera": camera, "radar": radar})
         if reads:
-            write_own(out, sensors)
+            write_mounts_yaml(out, sensors)
         else:
             back = [-value for value in start]
             format_of_file.write(out, [sensor.moved(*back) for sensor in sensors])
@@ -146,9 +146,7 @@ def _start(rig_format: RigFormat, origin: Vector | None, path: Path) -> Vector:
     return start
 
 
-def _with_models(
-    sensors: Sequence[MountedLidar], names: Mapping[str, str | None]
-) -> list[MountedLidar]:
+def _with_models(sensors: Sequence[RigSensor], names: Mapping[str, str | None]) -> list[RigSensor]:
     """Give sensors models of the catalogue, by kind, where it is not known what they see."""
     with_models, kind = [], "lidar"
     try:
@@ -166,7 +164,7 @@ def _with_models(
     return with_models
 
 
-def _row(lidar: MountedLidar) -> tuple[str, ...]:
+def _row(lidar: RigSensor) -> tuple[str, ...]:
     mount = lidar.mount
     angles = (math.degrees(angle) for angle in (mount.roll, mount.pitch, mount.yaw))
     numbers = (f"{value:z.6g}" for value in (mount.x, mount.y, mount.z, *angles))

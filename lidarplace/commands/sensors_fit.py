@@ -20,8 +20,8 @@ from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.atomic import write_text
 from lidarplace.files.regular import files_in
 from lidarplace.logs.box_log import read_box_log
-from lidarplace.rig_files.mounted import MountedLidar, lidars_in
-from lidarplace.rig_files.own import as_written, read_own, write_own
+from lidarplace.rig_files.mounted import RigSensor, lidars_in
+from lidarplace.rig_files.mounts_yaml import as_written, read_mounts_yaml, write_mounts_yaml
 from lidarplace.rigs.catalogue.datasheet import FRAMES_PER_S, Datasheet, catalogue, datasheet
 from lidarplace.rigs.placement import Mount
 
@@ -105,12 +105,12 @@ def _files(clouds: Sequence[Path]) -> list[Path]:
 
 def _lidars(
     rig: Path | None, mount: Pose | None, origin: tuple[float, float, float]
-) -> list[MountedLidar]:
+) -> list[RigSensor]:
     """Return the LiDARs of the vehicle in the frame of its clouds, none for the sensor's frame."""
     if rig is not None and mount is not None:
         raise InputError("names the mounts already", place="--rig", fix="leave --mount out")
     if mount is not None:
-        return [MountedLidar("lidar", Mount.degrees(*mount))]
+        return [RigSensor("lidar", Mount.degrees(*mount))]
     if rig is None:
         return []
     if rig.is_dir():
@@ -119,17 +119,17 @@ def _lidars(
             problem = "scenes have different rigs" if rigs else "log has no recorded rig"
             raise InputError(problem, place=f"--rig {rig}", fix="name a pose with --mount")
         mounts = zip(rigs[0].names, rigs[0].placement.mounts, strict=True)
-        lidars = [MountedLidar(*named_mount) for named_mount in mounts]
+        lidars = [RigSensor(*named_mount) for named_mount in mounts]
     else:
-        lidars = lidars_in(read_own(rig))
+        lidars = lidars_in(read_mounts_yaml(rig))
     return [lidar.moved(*(-value for value in origin)) for lidar in lidars]
 
 
 def _by_lidar(
-    files: Sequence[Path], lidars: Sequence[MountedLidar]
-) -> dict[MountedLidar, dict[str, pd.DataFrame]]:
+    files: Sequence[Path], lidars: Sequence[RigSensor]
+) -> dict[RigSensor, dict[str, pd.DataFrame]]:
     """Read the sweeps of each LiDAR in its own frame, by their files."""
-    sweeps: dict[MountedLidar, dict[str, pd.DataFrame]] = {}
+    sweeps: dict[RigSensor, dict[str, pd.DataFrame]] = {}
     for path in files:
         cloud = read_cloud(path)
         parts = cloud.groupby("lidar") if "lidar" in cloud else [(None, cloud)]
@@ -146,13 +146,13 @@ def _by_lidar(
     return sweeps
 
 
-def _lidar(number: Any, lidars: Sequence[MountedLidar], path: Path) -> MountedLidar:
+def _lidar(number: Any, lidars: Sequence[RigSensor], path: Path) -> RigSensor:
     """Find the LiDAR of a value of column lidar, a name or a number in the order of the rig."""
     if not lidars:
-        return MountedLidar("lidar" if number is None else str(number), Mount())
+        return RigSensor("lidar" if number is None else str(number), Mount())
     if number is None and len(lidars) == 1:
         return lidars[0]
-    by_name: Mapping[Any, MountedLidar] = {lidar.name: lidar for lidar in lidars}
+    by_name: Mapping[Any, RigSensor] = {lidar.name: lidar for lidar in lidars}
     by_number = dict(enumerate(lidars))
     if number not in by_name and number not in by_number:
         wrong = "no column lidar" if number is None else f"unknown LiDAR {number}"
@@ -194,9 +194,11 @@ def _model(scan: ScanFit, sheet: Datasheet | None) -> SensorSettings:
     return SensorSettings.model_validate(keys)
 
 
-def _write(out: Path, models: Mapping[MountedLidar, SensorSettings], posed: object) -> None:
+def _write(out: Path, models: Mapping[RigSensor, SensorSettings], posed: object) -> None:
     if posed:
-        write_own(out, [MountedLidar(at.name, at.mount, model) for at, model in models.items()])
+        write_mounts_yaml(
+            out, [RigSensor(at.name, at.mount, model) for at, model in models.items()]
+        )
         return
     (model,) = models.values()
     content = {"lidar": as_written(model)}

@@ -20,7 +20,7 @@ from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar, Place, lidars_in, named_like
+from lidarplace.rig_files.mounted import Place, RigSensor, lidars_in, named_like
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
 from lidarplace.scenes.routes import STEP_S
@@ -115,7 +115,7 @@ class _Objects(BaseModel):
     objects: list[_Object]
 
 
-def read_carla(path: Path, only: Sequence[str]) -> list[MountedLidar]:
+def read_carla(path: Path, only: Sequence[str]) -> list[RigSensor]:
     """Read the ray-cast LiDARs on the one vehicle that has some.
 
     Sensors in one place that follow each other are one LiDAR: CARLA's have even beams, so a LiDAR
@@ -134,7 +134,7 @@ def read_carla(path: Path, only: Sequence[str]) -> list[MountedLidar]:
         return [_lidar(list(parts)) for _, parts in groupby(chosen, key=lambda o: o.spawn_point)]
 
 
-def _lidar(parts: Sequence[_Object]) -> MountedLidar:
+def _lidar(parts: Sequence[_Object]) -> RigSensor:
     first, place = parts[0], parts[0].spawn_point
     steps = [
         o.points_per_second / (o.channels * o.rotation_frequency) * 360 / o.horizontal_fov
@@ -164,10 +164,10 @@ def _lidar(parts: Sequence[_Object]) -> MountedLidar:
     model = validated(SensorSettings, values, f"{first.id}: no LiDAR of ours")
     angles = (math.radians(angle) for angle in (place.roll, place.pitch, place.yaw))
     with at(first.id):
-        return MountedLidar(first.id, Mount(place.x, place.y, place.z, *angles), model)
+        return RigSensor(first.id, Mount(place.x, place.y, place.z, *angles), model)
 
 
-def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
+def write_carla(path: Path, lidars: Sequence[RigSensor]) -> None:
     """Write one vehicle with all LiDARs on it, at the simulation's 20 turns a second.
 
     Raises ValueError: a LiDAR has no model, a pattern or a correction, or its field of view is not

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lidarplace.base.errors import InputError
 from lidarplace.rig_files.carla import read_carla, write_carla
-from lidarplace.rig_files.mounted import MountedLidar, Vector
+from lidarplace.rig_files.mounted import RigSensor, Vector
 from lidarplace.rig_files.nuscenes import read_nuscenes_rig, write_nuscenes_rig
 from lidarplace.rig_files.osi import read_osi, write_osi
 from lidarplace.rig_files.ros2 import read_ros2, write_ros2
@@ -18,9 +18,9 @@ from lidarplace.scenes.datasets.nuscenes import ORIGIN
 class RigFormat:
     """Format in which another tool writes a rig."""
 
-    read: Callable[[Path, Sequence[str]], list[MountedLidar]]
+    read: Callable[[Path, Sequence[str]], list[RigSensor]]
     """Reads the sensors at a path whose names fit patterns, in the file's vehicle frame."""
-    write: Callable[[Path, Sequence[MountedLidar]], None]
+    write: Callable[[Path, Sequence[RigSensor]], None]
     origin: Vector | None = None
     """Origin of the file's vehicle frame in our ego frame, metres; None: it may be anywhere.
     Axes are ours in all of them."""

@@ -20,8 +20,8 @@ Vector = tuple[float, float, float]  # x, y, z in metres
 
 
 @dataclass(frozen=True)
-class MountedLidar:
-    """One LiDAR of a rig; or a camera or a radar, which files of rigs have, too."""
+class RigSensor:
+    """A LiDAR of a rig; or a camera or a radar, which files of rigs have, too."""
 
     name: str  # in the file
     mount: Mount  # in the vehicle frame of whoever has it; cameras look along its x axis
@@ -34,8 +34,8 @@ class MountedLidar:
         """Kind of the sensor."""
         return "lidar" if self.further is None else self.further.KIND
 
-    def moved(self, x: float, y: float, z: float) -> "MountedLidar":
-        """Return the LiDAR, farther by x, y, z in metres."""
+    def moved(self, x: float, y: float, z: float) -> "RigSensor":
+        """Return the sensor, farther by x, y, z in metres."""
         mount = self.mount
         # Rounded, as 1.9 - 0.3 would be written as 1.5999999999999999.
         x, y, z = (round(value, 12) for value in (mount.x + x, mount.y + y, mount.z + z))
@@ -73,7 +73,7 @@ def named_like(names: Sequence[str], patterns: Sequence[str]) -> list[str]:
     return [name for name in names if name in matched]
 
 
-def check_lidars(lidars: Sequence[MountedLidar], source: str) -> None:
+def check_lidars(lidars: Sequence[RigSensor], source: str) -> None:
     """Raise ValueError if there is no LiDAR, or two sensors have one name."""
     if not lidars_in(lidars):
         raise InputError("no LiDAR", place=source)
@@ -87,7 +87,7 @@ OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation from the frame of an image, x to the right, y down, z ahead, to that of a mount."""
 
 
-def of_frame(frame: MountedLidar, further: CameraSettings | RadarSettings) -> MountedLidar:
+def of_frame(frame: RigSensor, further: CameraSettings | RadarSettings) -> RigSensor:
     """Return a frame as a camera or a radar; optical frames, by their name, as in REP 103."""
     mount = frame.mount
     if "optical" in frame.name and isinstance(further, CameraSettings):
@@ -95,14 +95,14 @@ def of_frame(frame: MountedLidar, further: CameraSettings | RadarSettings) -> Mo
     return replace(frame, mount=mount, further=further)
 
 
-def mount_in_frame(sensor: MountedLidar) -> Mount:
+def mount_in_frame(sensor: RigSensor) -> Mount:
     """Return the mount of a sensor in the frame that `of_frame` reads."""
     if "optical" in sensor.name and sensor.kind == "camera":
         return mount_of(sensor.mount.position, sensor.mount.rotation @ OPTICAL)
     return sensor.mount
 
 
-def lidars_in(sensors: Iterable[MountedLidar]) -> list[MountedLidar]:
+def lidars_in(sensors: Iterable[RigSensor]) -> list[RigSensor]:
     """Return the sensors that are LiDARs."""
     return [sensor for sensor in sensors if sensor.kind == "lidar"]
 
@@ -122,7 +122,7 @@ class Joint:
     moves: str = ""  # how the child moves against its parent
 
 
-def lidars_of(joints: Sequence[Joint], only: Sequence[str]) -> list[MountedLidar]:
+def lidars_of(joints: Sequence[Joint], only: Sequence[str]) -> list[RigSensor]:
     """Return the frames that patterns name, in the frame of the vehicle.
 
     Raises ValueError: frames form no tree, no pattern is given or one fits no frame, or a frame of
@@ -143,7 +143,7 @@ def lidars_of(joints: Sequence[Joint], only: Sequence[str]) -> list[MountedLidar
     return [_placed(name, base, holds) for name in named_like(list(holds), only)]
 
 
-def _placed(name: str, base: str, holds: Mapping[str, Joint]) -> MountedLidar:
+def _placed(name: str, base: str, holds: Mapping[str, Joint]) -> RigSensor:
     position, matrix = np.zeros(3), np.eye(3)
     frame, steps = name, 0
     while frame != base:
@@ -155,4 +155,4 @@ def _placed(name: str, base: str, holds: Mapping[str, Joint]) -> MountedLidar:
         position = joint.position + joint.rotation @ position
         matrix = joint.rotation @ matrix
         frame, steps = joint.parent, steps + 1
-    return MountedLidar(name, mount_of(position, matrix))
+    return RigSensor(name, mount_of(position, matrix))

@@ -16,7 +16,7 @@ from lidarplace.base.errors import InputError, at
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
 from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import OPTICAL, MountedLidar, mount_of, named_like
+from lidarplace.rig_files.mounted import OPTICAL, RigSensor, mount_of, named_like
 from lidarplace.scenes.datasets.nuscenes_tables import read_table
 from lidarplace.scenes.datasets.se3 import poses
 
@@ -25,7 +25,7 @@ _SOURCE = "camera_intrinsic; images of nuScenes are 1600 x 900"
 DECIMALS = 9  # of metres and parts of a rotation, up to which two calibrations are one
 
 
-def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[MountedLidar]:
+def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[RigSensor]:
     """Read the sensors, by channel; cameras have intrinsics, and images of the data set's size.
 
     Every recording has calibrations of its own. Where those of a channel differ, they are called
@@ -63,7 +63,7 @@ def read_nuscenes_rig(folder: Path, only: Sequence[str]) -> list[MountedLidar]:
         intrinsic: Any = rows.columns.get("camera_intrinsic", {row: []})[row]
         further = _further(kinds[owner[row]], intrinsic, f"{rows.path}: {channels[row]}")
         mount = mount_of(pose.position[row], matrices[row])
-        rig.append(MountedLidar(channels[row], mount, further=further))
+        rig.append(RigSensor(channels[row], mount, further=further))
     return rig
 
 
@@ -77,7 +77,7 @@ def _further(kind: str, intrinsic: Any, where: str) -> CameraSettings | RadarSet
     return validated(CameraSettings, {"z": 0.0} | values, where)
 
 
-def _intrinsic(sensor: MountedLidar) -> list[list[float]]:
+def _intrinsic(sensor: RigSensor) -> list[list[float]]:
     """Return the intrinsics of a camera whose angles are known; none of others."""
     if not isinstance(sensor.further, CameraSettings):
         return []
@@ -89,7 +89,7 @@ def _intrinsic(sensor: MountedLidar) -> list[list[float]]:
     return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
 
 
-def write_nuscenes_rig(folder: Path, lidars: Sequence[MountedLidar]) -> None:
+def write_nuscenes_rig(folder: Path, lidars: Sequence[RigSensor]) -> None:
     """Write the two tables into a folder. The tokens of a name are always the same."""
     sensors, calibrated = [], []
     for lidar in lidars:

@@ -18,7 +18,7 @@ from lidarplace.configuration.further_sensors import CameraSettings, RadarSettin
 from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar, Place, named_like
+from lidarplace.rig_files.mounted import Place, RigSensor, named_like
 from lidarplace.rigs.further_sensors import Camera
 from lidarplace.rigs.placement import Mount
 
@@ -57,7 +57,7 @@ class _SensorViewConfiguration(_Message):
     radar_sensor_view_configuration: list[_OneSensor] = []
 
 
-def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
+def read_osi(path: Path, only: Sequence[str]) -> list[RigSensor]:
     """Read the sensors of a configuration, called by kind and id, `lidar_1`.
 
     Cameras have the angles and pixels that a simulator shall give them; radars their angles alone,
@@ -71,7 +71,7 @@ def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
             with at(f"{path}: {name}"):
                 mount = Mount(place.x, place.y, place.z, turned.roll, turned.pitch, turned.yaw)
                 further = None if kind == "lidar" else _further(kind, each)
-            lidars.append(MountedLidar(name, mount, further=further))
+            lidars.append(RigSensor(name, mount, further=further))
     with at(path):
         names = named_like([lidar.name for lidar in lidars], only)
     return [lidar for lidar in lidars if lidar.name in names]
@@ -92,7 +92,7 @@ def _further(kind: str, sensor: _OneSensor) -> CameraSettings | RadarSettings:
     return validated(model, {"z": 0.0} | values, "")
 
 
-def write_osi(path: Path, lidars: Sequence[MountedLidar]) -> None:
+def write_osi(path: Path, lidars: Sequence[RigSensor]) -> None:
     """Write a configuration; ids count from 1, of each kind.
 
     Rays are given for LiDARs that have a model, and their numbers for those without a pattern.
@@ -107,7 +107,7 @@ def write_osi(path: Path, lidars: Sequence[MountedLidar]) -> None:
     write_text(path, json.dumps(content, indent=1))
 
 
-def _rays(mounted: MountedLidar) -> dict[str, Any]:
+def _rays(mounted: RigSensor) -> dict[str, Any]:
     if mounted.further is not None and (built := mounted.further.built()) is not None:
         if isinstance(built, Camera):
             angles = [

@@ -13,7 +13,7 @@ import numpy as np
 
 from lidarplace.base.errors import InputError, at
 from lidarplace.files.xml import read_xml, write_xml
-from lidarplace.rig_files.mounted import BASE, Joint, MountedLidar, lidars_of, mount_in_frame
+from lidarplace.rig_files.mounted import BASE, Joint, RigSensor, lidars_of, mount_in_frame
 from lidarplace.rigs.placement import Mount
 from lidarplace.rigs.rotations import rotations
 
@@ -29,7 +29,7 @@ BY_ORDER = {
 """Names of arguments without names, by their number. Angles begin with yaw."""
 
 
-def read_ros2(path: Path, only: Sequence[str]) -> list[MountedLidar]:
+def read_ros2(path: Path, only: Sequence[str]) -> list[RigSensor]:
     """Read the frames that are LiDARs, see `lidars_of`.
 
     The file is read, not launched: substitutions and conditions are rejected. Raises ValueError: it
@@ -96,7 +96,7 @@ def _number(name: str, word: str) -> float:
     raise InputError(key=name, expected="a finite number", found=repr(word))
 
 
-def write_ros2(path: Path, lidars: Sequence[MountedLidar]) -> None:
+def write_ros2(path: Path, lidars: Sequence[RigSensor]) -> None:
     """Write a launch file with a publisher for every LiDAR, in `base_link`."""
     root = Element("launch")
     for lidar in lidars:

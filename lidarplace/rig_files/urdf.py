@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError, at
 from lidarplace.files.xml import read_xml, write_xml
-from lidarplace.rig_files.mounted import BASE, Joint, MountedLidar, lidars_of, mount_in_frame
+from lidarplace.rig_files.mounted import BASE, Joint, RigSensor, lidars_of, mount_in_frame
 from lidarplace.rigs.placement import Mount
 
 
-def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:
+def read_urdf(path: Path, only: Sequence[str]) -> list[RigSensor]:
     """Read the links that are LiDARs, see `lidars_of`.
 
     `rpy` are roll, pitch and yaw about fixed axes, which is `Rz(yaw) Ry(pitch) Rx(roll)`. Raises
@@ -54,7 +54,7 @@ def _vector(origin: Element | None, key: str) -> NDArray[np.float64]:
     raise InputError(key=key, expected="3 finite numbers", found=repr(text))
 
 
-def write_urdf(path: Path, lidars: Sequence[MountedLidar]) -> None:
+def write_urdf(path: Path, lidars: Sequence[RigSensor]) -> None:
     """Write a link `base_link`, and one with a fixed joint for every LiDAR."""
     root = Element("robot", name=path.stem)
     SubElement(root, "link", name=BASE)

@@ -30,7 +30,7 @@ _ACROSS = {"y", "roll", "yaw"}  # what a mirror image has with the other sign
 
 
 @dataclass(frozen=True)
-class MountedLidar:
+class LidarEntry:
     """A LiDAR of a rig; paths are relative to `folder`. Raises ValueError that names a wrong key.
 
     `written` are keys of `MountSettings` as the file has them, so that a number which nobody
@@ -63,17 +63,17 @@ class Rig:
     and radars."""
 
     name: str
-    lidars: tuple[MountedLidar, ...] = ()
+    lidars: tuple[LidarEntry, ...] = ()
     carla: bool = False
     further: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of_written(cls, name: str, written: Mapping[str, Any], folder: Path | None = None) -> Rig:
-        """Read a mapping with `mounts` and `convention`. Raises as `MountedLidar` does."""
+        """Read a mapping with `mounts` and `convention`. Raises as `LidarEntry` does."""
         lidars = []
         for number, mount in enumerate(written.get("mounts", ())):
             with at(f"mounts[{number}]"):
-                lidars.append(MountedLidar(mount, folder=folder))
+                lidars.append(LidarEntry(mount, folder=folder))
         further = {key: written[key] for key in ("cameras", "radars") if key in written}
         return cls(name, tuple(lidars), written.get("convention") == "carla", further)
 
@@ -135,7 +135,7 @@ class Rig:
         """Convert a coordinate from the ego frame to the file's convention, or back."""
         return 0 - value if self.carla and name in _TURNED else value
 
-    def _with(self, number: int, lidar: MountedLidar) -> Rig:
+    def _with(self, number: int, lidar: LidarEntry) -> Rig:
         return replace(self, lidars=(*self.lidars[:number], lidar, *self.lidars[number + 1 :]))
 
 
@@ -167,7 +167,7 @@ def posed(rig: Rig, number: int, **pose: float) -> Rig:
 def added(rig: Rig, model: str | None = None, **pose: float) -> Rig:
     """Return the rig with one more LiDAR, of the catalogue's model or of the default one."""
     named = {} if model is None else {"lidar": model}
-    mounted = MountedLidar({"x": 0.0, "y": 0.0, "z": 0.0} | named)
+    mounted = LidarEntry({"x": 0.0, "y": 0.0, "z": 0.0} | named)
     return posed(replace(rig, lidars=(*rig.lidars, mounted)), len(rig.lidars), **pose)
 
 

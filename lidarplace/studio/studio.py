@@ -111,9 +111,9 @@ class Studio:
         """Measures of the rigs on the log."""
         return Meter(self.log, self.roi, self.classes, self.file.carrier)
 
-    def prepare(self) -> None:
-        """Compute what measuring needs, which takes seconds."""
-        assert self.meter
+    def prepare(self) -> Meter:
+        """Build the meter, which takes seconds, and return it."""
+        return self.meter
 
     # Which rig, and which frame.
 

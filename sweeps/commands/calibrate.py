@@ -17,7 +17,7 @@ from sweeps import options
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sweeps.evaluation.request import EvaluationRequest
+    from sweeps.evaluation.request import DetectionOptions
 
 app = new_app()
 
@@ -67,17 +67,14 @@ def calibrate(
         if config is not None:
             seen = _of_sweep(config, set_ or [], class_ or [])
         else:
-            from sweeps.evaluation.request import DetectionOptions, read_request
+            from sweeps.evaluation.request import DetectionOptions
 
-            request = read_request(
-                DetectionOptions(
-                    log=Path(str(log)), rigs=rig, geometry=geometry, layout=layout, world=world,
-                    calib=calib, class_map=class_map, roi=roi, classes=class_, split=split,
-                    accept=accept,
-                )
+            read = DetectionOptions(
+                log=Path(str(log)), rigs=rig, geometry=geometry, layout=layout, world=world,
+                calib=calib, class_map=class_map, roi=roi, classes=class_, split=split,
+                accept=accept,
             )  # fmt: skip
-            say("\n".join([*request.notes, *(f"warning: {text}" for text in request.cautions)]))
-            seen = _of_detections(request)
+            seen = _of_detections(read)
         groups = seen.groupby(["class", "iou"], sort=True)
         checks = [check(group) for _, group in groups if len(group)]
     section = checks_section(checks)
@@ -115,13 +112,16 @@ def _of_sweep(config: Path, overrides: list[str], classes: list[str]) -> pd.Data
     return seen[seen["class"].isin(classes)] if classes else seen
 
 
-def _of_detections(request: EvaluationRequest) -> pd.DataFrame:
+def _of_detections(options: DetectionOptions) -> pd.DataFrame:
     import pandas as pd
 
     from lidarplace.recall.counted_objects import CountedObjects
     from lidarplace.recall.detection_curve import CELL_M
     from sweeps.calibration.observations import of_rig
+    from sweeps.evaluation.request import read_request
 
+    request = read_request(options)
+    say("\n".join([*request.notes, *(f"warning: {text}" for text in request.cautions)]))
     test, places = request.test, request.geometry
     for name in request.rigs:
         if name not in places:

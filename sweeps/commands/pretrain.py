@@ -49,11 +49,8 @@ def pretrain(
     from sweeps.execution.failures import Failure, FailureFolder
     from sweeps.execution.runner import run_tasks
     from sweeps.plan.pretrain_task import pretrain_task
-    from sweeps.stages.collect import CollectStage
-    from sweeps.stages.task import tasks_of, with_inputs
+    from sweeps.stages.task import with_inputs
     from sweeps.store.open import reference, store_of
-    from training.checkpoints import write_checkpoint
-    from training.pretrained import domain_of
 
     if out.is_dir():  # before hours of training, not after
         wrong(f"--out {out}: is a folder; a file for the weights is expected")
@@ -82,19 +79,27 @@ def pretrain(
         say(f"see {logs.folder}")
         raise typer.Exit(1)
     try:
-        stage, classes = task.stage, value.classes
-        rigs = [needed.stage.placement for needed in tasks_of(CollectStage, task.inputs)]
-        domain = asdict(domain_of(rigs, stage.point_range, classes)) if rigs else None
-        of_network = (stage.detector, classes, stage.typical)
-        write_checkpoint(out, value.state_dict, *of_network, domain)
+        _write(out, task, value)
     except OSError as error:
         say(f"failed: {error}")
         raise typer.Exit(1) from None
     losses = value.curve.loc[value.curve["metric"] == "loss", "value"].tolist()
     say(
-        f"{out}: {task.label}, classes {', '.join(classes)}, from {value.weights}, "
+        f"{out}: {task.label}, classes {', '.join(value.classes)}, from {value.weights}, "
         f"loss {losses[0]:.3g} in the first of {len(losses)} epochs, {losses[-1]:.3g} in the last"
     )
+
+
+def _write(out: Path, task: Task[FinetuneStage], trained: TrainedDetector) -> None:
+    from sweeps.stages.collect import CollectStage
+    from sweeps.stages.task import tasks_of
+    from training.checkpoints import write_checkpoint
+    from training.pretrained import domain_of
+
+    stage, classes = task.stage, trained.classes
+    rigs = [needed.stage.placement for needed in tasks_of(CollectStage, task.inputs)]
+    domain = asdict(domain_of(rigs, stage.point_range, classes)) if rigs else None
+    write_checkpoint(out, trained.state_dict, stage.detector, classes, stage.typical, domain)
 
 
 def _training(

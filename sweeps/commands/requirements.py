@@ -60,7 +60,7 @@ def requirements(
         console = Terminal(stderr=True)
         rigs = track(check.rigs, "rigs", console=console, disable=not console.is_terminal)
         outcomes = [
-            check_requirements(check.laid, rig, check.vehicle, further)
+            check_requirements(check.layouts, rig, check.vehicle, further)
             for rig, further in zip(rigs, check.further, strict=True)
         ]
         names = (rig.name for rig in check.rigs)
@@ -83,7 +83,7 @@ def _print_plan(check: RequirementsCheck, as_json: bool) -> None:
     from lidarplace.requirements.tables import extents
     from sweeps.results.dry_run import extent_table
 
-    plan = extents(check.laid)
+    plan = extents(check.layouts)
     if as_json:
         print_json({"rigs": [rig.name for rig in check.rigs], "requirements": plan})
         return
@@ -142,7 +142,7 @@ def _sections(
     if len(pictured) < len(worst):
         first.notes.append(f"Pictures of {len(pictured)} of them, those that fail first.")
     yield first
-    for layout in check.laid:
+    for layout in check.layouts:
         name = layout.requirement.name
         if layout.requirement.common_view is not None:
             continue

@@ -274,11 +274,8 @@ def _axes(raw: Mapping[str, Any]) -> dict[str, list[Any]]:
                 raise InputError(f"duplicate value {excerpt(value)}", key=key)
             seen.add(_key(value))
     refuse_overlaps(grid, "grid")
-    names = [
-        command.get("name", "command")
-        for command in grid.get("evaluator", ())
-        if isinstance(command, dict)
-    ]
+    commands = [value for value in grid.get("evaluator", ()) if isinstance(value, dict)]
+    names = [command.get("name", "command") for command in commands]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"duplicate name {excerpt(name)} of commands", key="grid.evaluator")

@@ -68,7 +68,7 @@ class ModelSettings(SensorSettings):
 
     @property
     def watts(self) -> float:
-        """Its power in watts; NaN where neither the configuration nor the catalogue has it."""
+        """Power in watts; NaN where neither the configuration nor the catalogue has it."""
         power = datasheet(self.name).power_w if self.power is None and self.name else self.power
         return math.nan if power is None else power
 

@@ -66,12 +66,12 @@ class RequirementsCheck:
     Attributes:
         rigs: of different names.
         vehicle: that carries them, with everything kept out.
-        laid: the requirements, laid out around it.
+        layouts: the requirements, laid out around it.
         further: cameras and radars of each rig."""
 
     rigs: tuple[Placement, ...]
     vehicle: Vehicle
-    laid: tuple[RequirementLayout, ...]
+    layouts: tuple[RequirementLayout, ...]
     further: tuple[tuple[MountedSensor, ...], ...]
 
 

@@ -9,7 +9,7 @@ import yaml
 
 from lidarplace.configuration.correction import read_correction
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.rig_files.own import DIGITS, as_written
+from lidarplace.rig_files.mounts_yaml import DIGITS, as_written
 from lidarplace.rigs.catalogue.datasheet import datasheet
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount, Placement

@@ -178,12 +178,12 @@ def _rigs(folder: Path) -> None:
     """A rig in the format of every other tool."""
     from lidarplace.configuration.sensor import SensorSettings
     from lidarplace.rig_files.formats import FORMATS
-    from lidarplace.rig_files.mounted import MountedLidar
+    from lidarplace.rig_files.mounted import RigSensor
     from lidarplace.rigs.placement import Mount
 
     folder.mkdir()
     model = SensorSettings(name="vlp32c")
-    rig = [MountedLidar("roof", Mount(z=2.0), model), MountedLidar("left", Mount(0, 1, 1), model)]
+    rig = [RigSensor("roof", Mount(z=2.0), model), RigSensor("left", Mount(0, 1, 1), model)]
     for name, known in FORMATS.items():
         suffix = ".json" if name in ("carla", "osi") else (*known.suffixes, "")[0]
         known.write(folder / f"{name}{suffix}", rig)

@@ -26,7 +26,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.requirements.rays_on_objects import at_class, count_cells, count_points, sights_of
 from lidarplace.rig_files.carla import write_carla
-from lidarplace.rig_files.own import read_own
+from lidarplace.rig_files.mounts_yaml import read_mounts_yaml
 from lidarplace.rigs.correction import Correction, Mask
 from lidarplace.rigs.pose import rotation
 from lidarplace.rigs.scan_pattern import ScanPattern
@@ -308,7 +308,7 @@ def test_settings_take_it_beside_their_file(tmp_path):
     rig = read_placement(tmp_path / "rig.yaml", LIDAR)
     assert rig.lidars[0].correction.mask.edges == (math.radians(-5),)
     assert rig.lidars[1].correction is None
-    (mounted, _) = read_own(tmp_path / "rig.yaml")
+    (mounted, _) = read_mounts_yaml(tmp_path / "rig.yaml")
     assert mounted.model.correction == str(tmp_path / "c.yaml")
     with refused(("lidar_0", "correction", "")):
         write_carla(tmp_path / "objects.json", [mounted])

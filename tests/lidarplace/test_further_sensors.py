@@ -28,8 +28,8 @@ from lidarplace.requirements.check_requirements import by_several, check_require
 from lidarplace.requirements.layout import lay_out
 from lidarplace.requirements.requirement import AlsoWhen, PlacedObject, Requirement
 from lidarplace.rig_files.formats import FORMATS
-from lidarplace.rig_files.mounted import MountedLidar
-from lidarplace.rig_files.own import read_own, write_own
+from lidarplace.rig_files.mounted import RigSensor
+from lidarplace.rig_files.mounts_yaml import read_mounts_yaml, write_mounts_yaml
 
 NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
 CAR = Vehicle.car()
@@ -148,19 +148,19 @@ def test_a_camera_shares_its_view_with_a_lidar_that_turns():
 
 
 FURTHER = [
-    MountedLidar("lidar_1", Mount(z=2.0)),
-    MountedLidar("camera_1", Mount(1.7, 0.1, 1.5, 0.01, -0.02, 0.9), further=camera()),
-    MountedLidar("camera_2", Mount(-1.0, 0.1, 1.5, 0.0, 0.1, 3.0), further=camera()),
-    MountedLidar("radar_1", Mount(3.4, -0.2, 0.5, 0.1, 0.0, -1.2), further=radar()),
+    RigSensor("lidar_1", Mount(z=2.0)),
+    RigSensor("camera_1", Mount(1.7, 0.1, 1.5, 0.01, -0.02, 0.9), further=camera()),
+    RigSensor("camera_2", Mount(-1.0, 0.1, 1.5, 0.0, 0.1, 3.0), further=camera()),
+    RigSensor("radar_1", Mount(3.4, -0.2, 0.5, 0.1, 0.0, -1.2), further=radar()),
 ]
 
 
 @pytest.mark.parametrize("name", ["own", "nuscenes", "osi"])
 def test_cameras_and_radars_come_back(name, tmp_path):
     path, ours = tmp_path / "rig.yaml", name == "own"
-    write = write_own if ours else FORMATS[name].write
+    write = write_mounts_yaml if ours else FORMATS[name].write
     write(path, FURTHER)
-    back = read_own(path) if ours else FORMATS[name].read(path, [])
+    back = read_mounts_yaml(path) if ours else FORMATS[name].read(path, [])
     assert [(sensor.name, sensor.kind) for sensor in back] == [
         (sensor.name, sensor.kind) for sensor in FURTHER
     ]
@@ -182,7 +182,7 @@ def test_frames_that_are_cameras_are_named(name, tmp_path):
     command = f"{source} {tmp_path}/o.yaml {words} --radar drvegrd169"
     result = CliRunner().invoke(app, command.split())
     assert result.exit_code == 0, result.output
-    sensors = {sensor.name: sensor for sensor in read_own(tmp_path / "o.yaml")}
+    sensors = {sensor.name: sensor for sensor in read_mounts_yaml(tmp_path / "o.yaml")}
     np.testing.assert_allclose(
         sensors["cam_optical_frame"].mount.rotation, optical.mount.rotation, atol=1e-9
     )

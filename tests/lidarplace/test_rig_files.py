@@ -16,8 +16,8 @@ from lidarplace.commands.rig import app
 from lidarplace.configuration.placement import read_placement
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.rig_files.formats import FORMATS
-from lidarplace.rig_files.mounted import MountedLidar, lidars_in
-from lidarplace.rig_files.own import read_own, write_own
+from lidarplace.rig_files.mounted import RigSensor, lidars_in
+from lidarplace.rig_files.mounts_yaml import read_mounts_yaml, write_mounts_yaml
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
 from lidarplace.rigs.pose import angles, rotation
@@ -56,8 +56,8 @@ def assert_alike(found, expected, tolerance):
 
 def written_and_read(name, path, rig):
     if name == "own":
-        write_own(path, rig)
-        return read_own(path)
+        write_mounts_yaml(path, rig)
+        return read_mounts_yaml(path)
     FORMATS[name].write(path, rig)
     return FORMATS[name].read(path, ["*"])
 
@@ -68,7 +68,7 @@ def written_and_read(name, path, rig):
 def test_poses_come_back(name, mounts, tmp_path_factory):
     path = tmp_path_factory.mktemp("rigs") / "rig.urdf"
     model = SensorSettings(name="vlp16")
-    rig = [MountedLidar(f"lidar_{i}", mount, model) for i, mount in enumerate(mounts, 1)]
+    rig = [RigSensor(f"lidar_{i}", mount, model) for i, mount in enumerate(mounts, 1)]
     assert_alike(written_and_read(name, path, rig), rig, 1e-9)
 
 
@@ -76,7 +76,7 @@ def test_poses_come_back(name, mounts, tmp_path_factory):
 @pytest.mark.parametrize("name", ["own", *FORMATS])
 def test_numbers_of_numpy_are_written_as_plain_ones(name, kind, tmp_path):
     mount = Mount(*np.array([1.5, -0.25, 2, 0.5, 0, 1]).astype(kind))
-    rig = [MountedLidar("lidar_1", mount, SensorSettings(name="vlp16"))]
+    rig = [RigSensor("lidar_1", mount, SensorSettings(name="vlp16"))]
     assert_alike(written_and_read(name, tmp_path / "rig", rig), rig, 1e-9)
     assert not any(b"np." in f.read_bytes() for f in tmp_path.rglob("*") if f.is_file())
 
@@ -92,7 +92,7 @@ def test_numbers_of_numpy_are_written_as_plain_ones(name, kind, tmp_path):
 )
 def test_carla_keeps_rays(settings_, tmp_path):
     model = SensorSettings(**settings_)
-    rig = [MountedLidar("roof", Mount(z=2.0), model), MountedLidar("b", Mount(x=1, z=2), model)]
+    rig = [RigSensor("roof", Mount(z=2.0), model), RigSensor("b", Mount(x=1, z=2), model)]
     FORMATS["carla"].write(tmp_path / "objects.json", rig)
     found = FORMATS["carla"].read(tmp_path / "objects.json", [])
     assert [lidar.name for lidar in found] == ["roof", "b"]
@@ -106,14 +106,14 @@ def test_carla_keeps_rays(settings_, tmp_path):
 def test_the_own_file_keeps_models_and_is_a_placement(tmp_path):
     changed = SensorSettings(name="at128", range=90.0)
     rig = [
-        MountedLidar("top", Mount(z=2.0), SensorSettings(name="vlp16")),
-        MountedLidar("front", Mount(x=2, z=1), changed),
-        MountedLidar("own", Mount(x=1, z=1), SensorSettings(beams=4)),
-        MountedLidar("any", Mount(x=3, z=1)),
+        RigSensor("top", Mount(z=2.0), SensorSettings(name="vlp16")),
+        RigSensor("front", Mount(x=2, z=1), changed),
+        RigSensor("own", Mount(x=1, z=1), SensorSettings(beams=4)),
+        RigSensor("any", Mount(x=3, z=1)),
     ]
     path = tmp_path / "rig.yaml"
-    write_own(path, rig)
-    assert [lidar.model for lidar in read_own(path)] == [lidar.model for lidar in rig]
+    write_mounts_yaml(path, rig)
+    assert [lidar.model for lidar in read_mounts_yaml(path)] == [lidar.model for lidar in rig]
     assert "lidar: vlp16" in path.read_text()
     placed = read_placement(path, Lidar.paper())
     assert placed.lidars[0] == Lidar.named("vlp16")
@@ -129,7 +129,7 @@ def found_by_command(*arguments):
 def test_a_urdf_of_another_library(tmp_path):
     out = tmp_path / "rig.yaml"
     found_by_command(DATA / "car.urdf", out, "--origin", -1.4, 0, 0.3, "--only", "LIDAR_*")
-    top, left = read_own(out)
+    top, left = read_mounts_yaml(out)
     # By hand: the roof is turned to the left by a quarter, so its x is the vehicle's y.
     np.testing.assert_allclose(top.mount.position, [0.5 - 1.4, 0.2, 1.4 + 0.5 + 0.3], atol=1e-9)
     np.testing.assert_allclose(top.mount.rotation, np.eye(3), atol=1e-9)
@@ -142,7 +142,7 @@ def test_an_osi_configuration_of_another_library(tmp_path):
     out = tmp_path / "rig.yaml"
     command = DATA / "sensor_view_configuration.json", out, "--format", "osi", "--origin"
     found_by_command(*command, -1.4, 0, 0.3, "--lidar", "vlp16")
-    (lidar,) = read_own(out)
+    (lidar,) = read_mounts_yaml(out)
     assert (lidar.name, lidar.model.name) == ("lidar_7", "vlp16")
     np.testing.assert_allclose(lidar.mount.position, [0, 0, 1.8], atol=1e-9)
     np.testing.assert_allclose(lidar.mount.rotation, rotation(0.1, -0.2, 3.0), atol=1e-9)
@@ -155,7 +155,7 @@ def test_the_messages_own_names_are_read_as_well(tmp_path):
     place = {"position": {"x": 1.0}, "orientation": {"yaw": 0.5}}
     path.write_text(json.dumps({"lidar_sensor_view_configuration": [{"mounting_position": place}]}))
     (lidar,) = FORMATS["osi"].read(path, [])
-    assert lidar == MountedLidar("lidar_0", Mount(x=1.0, yaw=0.5))
+    assert lidar == RigSensor("lidar_0", Mount(x=1.0, yaw=0.5))
 
 
 LAUNCH = """<launch>
@@ -177,7 +177,7 @@ def test_transforms_by_order_and_by_name(tmp_path):
     # Yaw comes first of the angles: a quarter to the left, then half a turn.
     np.testing.assert_allclose(lidar.mount.position, [0, 1, 1.5], atol=1e-12)
     np.testing.assert_allclose(lidar.mount.rotation, rotation(0, 0, -QUARTER), atol=1e-12)
-    assert other == MountedLidar("other", Mount(1, 2, 3))
+    assert other == RigSensor("other", Mount(1, 2, 3))
 
 
 BRIDGE = """{"objects": [
@@ -234,7 +234,7 @@ def test_calibrations_of_nuscenes(tmp_path):
     write_nuscenes(tmp_path / "v1", [Scene(f"scene-{n}", [Sample(5)], f"l{n}") for n in "ab"], [])
     table = tmp_path / "v1/calibrated_sensor.json"
     found_by_command(tmp_path / "v1", tmp_path / "rig.yaml", "--format", "nuscenes")
-    (lidar,) = lidars_in(read_own(tmp_path / "rig.yaml"))
+    (lidar,) = lidars_in(read_mounts_yaml(tmp_path / "rig.yaml"))
     rows, sensors = (json.loads(p.read_text()) for p in (table, tmp_path / "v1/sensor.json"))
     channels = {row["token"]: row["channel"] for row in sensors}
     own = [row for row in rows if channels[row["sensor_token"]] == "LIDAR_TOP"]

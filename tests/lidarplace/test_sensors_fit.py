@@ -19,7 +19,7 @@ from lidarplace.clouds.shapes import bricks
 from lidarplace.commands.sensors import app
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.logs.box_log import BoxLog, write_box_log
-from lidarplace.rig_files.own import read_own
+from lidarplace.rig_files.mounts_yaml import read_mounts_yaml
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.nuscenes import STEPS as NUSCENES_STEPS
 from lidarplace.scenes.kitti.read import STEPS as KITTI_STEPS
@@ -145,7 +145,7 @@ def test_a_rig_of_several_lidars(tmp_path):
     out = tmp_path / "rig.yaml"
     result = run("fit", tmp_path / "0.parquet", "--rig", tmp_path / "log", "--out", out)
     assert result.exit_code == 0, result.output
-    for each, (name, mount) in zip(read_own(out), rig.items(), strict=True):
+    for each, (name, mount) in zip(read_mounts_yaml(out), rig.items(), strict=True):
         assert each.name == name
         assert each.mount.x == pytest.approx(mount.x)
         lidar = each.model.lidar()

@@ -42,9 +42,9 @@ def run_search(path: Path, *options: str, codes: tuple[int, ...] = (0,)) -> str:
     database = path.parent / "runs/mlflow.db"
     if path.name == "small.yaml" and not database.exists():
         write_database(database)
-    done = CliRunner().invoke(app, [str(path), *options], catch_exceptions=False)
-    assert done.exit_code in codes, done.output
-    return done.output
+    result = CliRunner().invoke(app, [str(path), *options], catch_exceptions=False)
+    assert result.exit_code in codes, result.output
+    return result.output
 
 
 def train_log(folder: Path) -> BoxLog:
@@ -57,5 +57,5 @@ def train_log(folder: Path) -> BoxLog:
 def searched(folder: Path, code: int = 0, **changes) -> tuple[SearchFolder, str]:
     """The run folder of a search, and what it printed."""
     path = write_search(folder, **changes)
-    said = run_search(path, codes=(code,))
-    return SearchFolder.read(folder / "runs" / changes.get("name", "small")), said
+    output = run_search(path, codes=(code,))
+    return SearchFolder.read(folder / "runs" / changes.get("name", "small")), output

@@ -93,15 +93,18 @@ def run(*words, code=0):
 def test_the_curve_behind_the_detections_is_found(config, tmp_path):
     plan, store, every = detect(config)
     keep(store, every[:2])
-    told = "the store has detections of 1 rig(s), at least 2 are needed"
-    assert told in run(config, code=2)
+    problem = "the store has detections of 1 rig(s), at least 2 are needed"
+    assert problem in run(config, code=2)
     keep(store, every[2:3])
     assert "3 of 6 trials are evaluated" in run(config), "the others are left out"
     keep(store, every[3:])
     out = tmp_path / "curves.json"
     assert "6 of 6 trials are evaluated" in run(config, "--out", out)
     curves = read_curves(out)
-    assert {(own.object_class, own.iou) for own in curves.curves} == {("Car", 0.5), ("Car", 0.7)}
+    assert {(group.object_class, group.iou) for group in curves.curves} == {
+        ("Car", 0.5),
+        ("Car", 0.7),
+    }
     assert curves.of("Car", 0.7).most == pytest.approx(MOST, abs=0.04)
     assert curves.of("Car", 0.7).rate == pytest.approx(RATE, rel=0.15)
     rigs = rigs_of(plan.trials, store)
@@ -109,20 +112,20 @@ def test_the_curve_behind_the_detections_is_found(config, tmp_path):
     assert [len(trials) for trials in rigs.values()] == [2, 2, 2]
     seen = observations(rigs, store)
     center = seen[(seen["rig"] == "center") & (seen["iou"] == 0.5)].set_index("object_id")
-    found = [set(boxes["object_id"]) for trial, boxes in every if "center" in trial.label]
+    found_ids = [set(boxes["object_id"]) for trial, boxes in every if "center" in trial.label]
     for object_id, row in center.iterrows():
-        assert row["found"] == np.mean([object_id in own for own in found])
-    own = seen[seen["iou"] == 0.7]
-    checked = check(own)
+        assert row["found"] == np.mean([object_id in group for group in found_ids])
+    group = seen[seen["iou"] == 0.7]
+    checked = check(group)
     assert checked.rigs == 3
     assert checked.objects == checked.individuals == len(center)
     assert list(checked.left_out) == ["rig", "object"]
     for left_out in checked.left_out.values():
         assert left_out.brier < left_out.brier_of_mean
         assert left_out.error < 0.05
-    means = own.groupby("rig")[["found", "cells"]].mean()
-    p = own["cells"].map(lambda cells: float(checked.curve.probability(cells)))
-    fitted = p.groupby(own["rig"]).mean()
+    means = group.groupby("rig")[["found", "cells"]].mean()
+    p = group["cells"].map(lambda cells: float(checked.curve.probability(cells)))
+    fitted = p.groupby(group["rig"]).mean()
     assert checked.rho_fitted == pytest.approx(fitted.corr(means["found"], method="spearman"))
     assert checked.left_out["rig"].spread == pytest.approx(means["found"].std())
 
@@ -139,27 +142,27 @@ def test_detections_from_elsewhere_have_curves_too(tmp_path):
         (seen,) = objects.seen_by([read_placement(tmp_path / f"{name}.yaml", lidar)])
         rng = np.random.default_rng(seed)
         boxes = drawn(objects, seen, rng)
-        found = boxes[["frame", "class", *GEOMETRY]].assign(score=rng.random(len(boxes)))
-        found.to_parquet(tmp_path / f"{name}.parquet")
+        detections = boxes[["frame", "class", *GEOMETRY]].assign(score=rng.random(len(boxes)))
+        detections.to_parquet(tmp_path / f"{name}.parquet")
         options += ["--rig", f"{name}={tmp_path / name}.parquet"]
         options += ["--geometry", f"{name}={tmp_path / name}.yaml"]
     out = tmp_path / "curves.json"
-    told = call(app, "--log", tmp_path / "log", *options, "--out", out)
+    result = call(app, "--log", tmp_path / "log", *options, "--out", out)
     curve = read_curves(out).of("Car", 0.7)
     cells = np.array([10, 30, 60])
     expected = MOST * (1 - np.exp(-RATE * cells))
     assert curve.probability(cells) == pytest.approx(expected, abs=0.05)
-    lines = [line.split() for line in told.output.splitlines() if line.startswith("Car")]
+    lines = [line.split() for line in result.output.splitlines() if line.startswith("Car")]
     assert [line[2] for line in lines if len(line) == 8] == ["rig", "object"] * 2
     assert "Left out" in out.with_suffix(".html").read_text()
     assert "One rig: none can be left out" in run("--log", tmp_path / "log", *options[:4])
     few = read_box_log(tmp_path / "log")
     few = replace(few, boxes=few.boxes[few.boxes["frame"] < 6], frames=few.frames[:6])
     write_box_log(tmp_path / "few", few)
-    found = pd.read_parquet(tmp_path / "low.parquet")
-    found[found["frame"] < 6].to_parquet(tmp_path / "low.parquet")
-    shown = run("--log", tmp_path / "few", *options[:4], code=2)
-    assert "too few individuals of class Car for a curve; found 20; at least 30" in shown
+    detections = pd.read_parquet(tmp_path / "low.parquet")
+    detections[detections["frame"] < 6].to_parquet(tmp_path / "low.parquet")
+    output = run("--log", tmp_path / "few", *options[:4], code=2)
+    assert "too few individuals of class Car for a curve; found 20; at least 30" in output
     bare = run("--log", tmp_path / "log", *options[:2], code=2)
     assert "--geometry: missing for rig low" in bare
     run(code=2)

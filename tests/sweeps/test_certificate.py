@@ -46,16 +46,16 @@ def traffic_of(problem):
     log, point = train_log(problem.file.scene.folder), problem.sweep().points[0].point
     of = (point.voxel_roi(), point.classes)
     grids = OccupancyGrid.by_class(log.boxes, *of, frames=len(log.frames))
-    asked = problem.criteria.needs_objects
-    return Traffic(grids, ExpectedRecall.from_log(log, *of) if asked else None)
+    needs_objects = problem.criteria.needs_objects
+    return Traffic(grids, ExpectedRecall.from_log(log, *of) if needs_objects else None)
 
 
 def all_candidates(problem):
     """Every mount of the grid, or mirrored pair, whatever it violates."""
-    found = {}
+    candidates = {}
     for slot, model, zone, mount in grid_points(problem):
-        found.setdefault(Assignment(slot, MountedLidar(model, zone.name, mount)).rig)
-    return list(found)
+        candidates.setdefault(Assignment(slot, MountedLidar(model, zone.name, mount)).rig)
+    return list(candidates)
 
 
 def best_of_all(problem, traffic):
@@ -68,9 +68,9 @@ def best_of_all(problem, traffic):
             lidars = [lidar for part in parts for lidar in part]
             if slots_of(ordered(lidars), problem) is None:
                 continue
-            found = assess(ordered([*fixed, *lidars]), problem.criteria, traffic)
-            if found.feasible:
-                best = max(best, found.values[problem.criteria.objectives[0].name])
+            assessment = assess(ordered([*fixed, *lidars]), problem.criteria, traffic)
+            if assessment.feasible:
+                best = max(best, assessment.values[problem.criteria.objectives[0].name])
     return best
 
 
@@ -117,15 +117,15 @@ def test_no_rig_of_the_grid_exceeds_the_bound(tmp_path, changes):
     assert best > 0
     assert certificate.bound >= best * (1 - 1e-12)
     assert certificate.by_gains >= certificate.bound
-    found = assess(certificate.rig, problem.criteria, traffic)
+    assessment = assess(certificate.rig, problem.criteria, traffic)
     if (placed := slots_of(certificate.rig, problem)) is not None:
         assert rig_of(placed, problem.space) == certificate.rig
-        assert found.feasible
+        assert assessment.feasible
         assert certificate.value <= best * (1 + 1e-12)
         share = 0.5 if problem.file.search.counted else 0.63  # of a partition matroid; of a number
         assert certificate.value >= share * best
     name = problem.criteria.objectives[0].name
-    assert found.values[name] == pytest.approx(certificate.value, rel=1e-9)
+    assert assessment.values[name] == pytest.approx(certificate.value, rel=1e-9)
 
 
 @pytest.mark.parametrize("symmetric", [False, True])

@@ -56,30 +56,30 @@ def drawn(seed, by):
     for number in range(random.integers(1, 4)):
         where = dict(one_of(*WHERE))
         measure = one_of("points", "points", "cells", "probability", "coverage")
-        own = {"name": f"r{number}", "where": where, "step": one_of(1.0, 1.5), "also_when": {}}
+        settings = {"name": f"r{number}", "where": where, "step": one_of(1.0, 1.5), "also_when": {}}
         if measure == "coverage":
-            own |= {"at_least": {"coverage": one_of(0.15, 0.3, 0.45)}, "step": 0.5}
+            settings |= {"at_least": {"coverage": one_of(0.15, 0.3, 0.45)}, "step": 0.5}
             where["z"] = [0, 1]
         else:
             least = {"points": one_of(4, 8, 16, 32), "cells": one_of(2, 4, 7), "probability": 0.05}
-            own |= {"what": "Pedestrian", "at_least": {measure: least[measure]}}
-            own["for"] = one_of(1.0, 0.8, 0.6)
+            settings |= {"what": "Pedestrian", "at_least": {measure: least[measure]}}
+            settings["for"] = one_of(1.0, 0.8, 0.6)
             if random.random() < 0.25:
-                own["at_least"]["sensors"] = 2
+                settings["at_least"]["sensors"] = 2
         if random.random() < 0.4:
-            own["also_when"] |= one_of({"one_lidar_dead": True}, {"sensors_dead": 2})
+            settings["also_when"] |= one_of({"one_lidar_dead": True}, {"sensors_dead": 2})
         if random.random() < 0.2:
-            own["also_when"] |= {"range_factor": 0.2}
+            settings["also_when"] |= {"range_factor": 0.2}
         if random.random() < 0.25:
-            own["also_when"] |= {"mounts_off": {"angle_deg": 1.0, "draws": 2}}
-        requirements.append(own)
-    zones = {name: dict(own) for name, own in ZONES.items()}
+            settings["also_when"] |= {"mounts_off": {"angle_deg": 1.0, "draws": 2}}
+        requirements.append(settings)
+    zones = {name: dict(settings) for name, settings in ZONES.items()}
     if random.random() < 0.5:  # in a row, where they hide much from each other
         zones = {"rack": {"x": [0, 2.4], "y": 0, "z": 1.8}, "nose": zones["nose"]}
     keys = {"lidars": [1, 3]}
     if random.random() < 0.4:
-        for own in zones.values():
-            own["lidars"] = [0, int(random.integers(1, 3))]
+        for settings in zones.values():
+            settings["lidars"] = [0, int(random.integers(1, 3))]
         if "left" in zones:
             zones["left"]["mirrored"] = bool(random.random() < 0.7)
         next(iter(zones.values()))["lidars"] = [1, 2]
@@ -116,7 +116,7 @@ def least_of_all(problem):
         for parts in itertools.combinations(candidates, size):
             lidars = [lidar for rig in parts for lidar in rig]
             zones = [rig[0].zone for rig in parts]
-            counts = {n: own.lidars for n, own in search.zones.items() if own.lidars is not None}
+            counts = {n: zone.lidars for n, zone in search.zones.items() if zone.lidars is not None}
             if not low <= len(lidars) <= high or not all(
                 least <= zones.count(name) <= most for name, (least, most) in counts.items()
             ):
@@ -140,17 +140,17 @@ def test_it_is_the_cheapest_of_all_rigs(tmp_path, monkeypatch, seed, by, by_cuts
         monkeypatch.setattr(_Work, "greedy", lambda self, by_cost: False)
         monkeypatch.setattr(_Work, "try_others", lambda self, cost: None)
     problem = read_problem(write_search(tmp_path, search=drawn(seed, by)))
-    found = cheapest(problem)
-    assert found.gap == 0 or found.rig is None
+    chosen = cheapest(problem)
+    assert chosen.gap == 0 or chosen.rig is None
     cost, number = least_of_all(problem)
-    assert (found.cost, found.fewest) == (pytest.approx(cost), number)
-    if found.rig is not None:
-        assert len(found.rig) == number
-        assert all(needed_for(problem, found.rig, None))
-        assert assess(found.rig, problem.criteria, NOTHING).feasible
-        assert cost_of(found.rig, problem) == pytest.approx(found.cost)
+    assert (chosen.cost, chosen.fewest) == (pytest.approx(cost), number)
+    if chosen.rig is not None:
+        assert len(chosen.rig) == number
+        assert all(needed_for(problem, chosen.rig, None))
+        assert assess(chosen.rig, problem.criteria, NOTHING).feasible
+        assert cost_of(chosen.rig, problem) == pytest.approx(chosen.cost)
     else:
-        assert found.bound == math.inf
+        assert chosen.bound == math.inf
 
 
 EASY = {"name": "somebody ahead", "where": {"x": [3, 5], "y": [-1, 1]}, "what": "Pedestrian"}
@@ -166,23 +166,25 @@ def run(folder, *options, **changes):
 
 
 def test_the_command_writes_a_rig_that_a_requirements_file_takes(tmp_path):
-    done = run(tmp_path, cheapest={"by": "price"})
-    assert done.exit_code == 0, done.output
-    assert "price 5 with 2 LiDARs: the least of the grid, which is proven" in done.output
+    result = run(tmp_path, cheapest={"by": "price"})
+    assert result.exit_code == 0, result.output
+    assert "price 5 with 2 LiDARs: the least of the grid, which is proven" in result.output
     folder = tmp_path / "runs/small/cheapest"
-    told = json.loads((folder / "cheapest.json").read_text())
-    assert (told["cost"], told["bound"], told["gap"]) == (5, 5, 0)
-    assert told["refined_cost"] == 5
-    assert told["margin"] > 1, "moved off the grid, it has something to spare"
+    content = json.loads((folder / "cheapest.json").read_text())
+    assert (content["cost"], content["bound"], content["gap"]) == (5, 5, 0)
+    assert content["refined_cost"] == 5
+    assert content["margin"] > 1, "moved off the grid, it has something to spare"
     rig = read_placement(folder / "placement.yaml", Lidar.paper())
     assert len(rig.mounts) == 2
-    problem, other = (read_problem(tmp_path / "small.yaml", own) for own in ([], BY_POWER))
+    problem, other = (
+        read_problem(tmp_path / "small.yaml", overrides) for overrides in ([], BY_POWER)
+    )
     assert problem.key == other.key, "a search is the same"
     plain = problem.criteria.carrier
     (outcome,) = check_requirements(plain.requirements, rig, plain.vehicle)
     assert outcome.met
-    assert outcome.worst.value / 6 == pytest.approx(told["margin"])
-    assert done.output.count("somebody ahead at x") == 2, "it says what each LiDAR is needed for"
+    assert outcome.worst.value / 6 == pytest.approx(content["margin"])
+    assert result.output.count("somebody ahead at x") == 2, "it says what each LiDAR is needed for"
 
 
 ONE = EASY | {"also_when": {}}
@@ -214,9 +216,9 @@ def test_each_lidar_has_a_reason(tmp_path, zones, changes, reasons):
     keys = {key: value for key, value in SMALL.items() if key != "lidars"} | {"zones": zones}
     search = keys | {"requirements": [ONE]} | changes
     problem = read_problem(write_search(tmp_path, search=search))
-    found = cheapest(problem)
-    assert (found.gap, found.fewest) == (0, len(found.rig))
-    why = needed_for(problem, found.rig, None)
+    chosen = cheapest(problem)
+    assert (chosen.gap, chosen.fewest) == (0, len(chosen.rig))
+    why = needed_for(problem, chosen.rig, None)
     assert {reason.partition(" at x ")[0] for reason in why} == reasons
 
 
@@ -232,33 +234,33 @@ def test_refinement_leaves_out_what_is_not_needed(tmp_path):
 def test_none_is_feasible(tmp_path):
     run(tmp_path)
     far = EASY | {"at_least": {"points": 500}}
-    done = run(tmp_path, requirements=[far])
-    assert done.exit_code == 1
-    assert "No rig of the grid meets everything, which is proven" in done.output
-    assert "FAIL" in done.output
+    result = run(tmp_path, requirements=[far])
+    assert result.exit_code == 1
+    assert "No rig of the grid meets everything, which is proven" in result.output
+    assert "FAIL" in result.output
     assert not (tmp_path / "runs/small/cheapest/placement.yaml").exists()
-    told = json.loads(run(tmp_path, "--json", requirements=[far]).output)
-    assert (told["found"], told["bound"]) == (False, None)
-    assert told["broken"] == ["requirement.somebody ahead"]
-    assert 0 < told["cases"][0]["value"] < 500, "the closest has some"
+    content = json.loads(run(tmp_path, "--json", requirements=[far]).output)
+    assert (content["found"], content["bound"]) == (False, None)
+    assert content["broken"] == ["requirement.somebody ahead"]
+    assert 0 < content["cases"][0]["value"] < 500, "the closest has some"
 
 
 def test_a_rig_that_the_detector_rejects_is_excluded(tmp_path):
     few = {"cheapest": {"recall": 80.0}, "models": {"flash": MODELS["flash"]}}
     problem = read_problem(write_search(tmp_path, search=SMALL | few))
-    asked = []
+    evaluated = []
 
     def recall(rig):
-        asked.append(rig)
+        evaluated.append(rig)
         return 90.0 if len(rig) == 3 else 70.0
 
-    found = cheapest(problem, recall)
-    assert (found.cost, found.bound, found.gap) == (3, 3, 0)
-    assert found.value == 90.0
-    why = needed_for(problem, found.rig, recall)
+    chosen = cheapest(problem, recall)
+    assert (chosen.cost, chosen.bound, chosen.gap) == (3, 3, 0)
+    assert chosen.value == 90.0
+    why = needed_for(problem, chosen.rig, recall)
     assert "price 70.0" in why
     assert all(why)
-    pairs = {rig for rig in asked if len(rig) == 2}
+    pairs = {rig for rig in evaluated if len(rig) == 2}
     good = itertools.combinations([rig[0] for rig in candidates_of(problem)], 2)
     assert pairs == {r for r in map(ordered, good) if assess(r, problem.criteria, NOTHING).feasible}
 
@@ -275,7 +277,9 @@ def test_the_generalist_of_the_package_is_asked_on_the_traffic_of_the_choice(mon
             assert task in ran
             return of(SimpleNamespace(metrics=pd.DataFrame([row])))
 
-    monkeypatch.setattr(recall_module, "run_tasks", lambda *own: ran.extend(own[-1]) or {})
+    monkeypatch.setattr(
+        recall_module, "run_tasks", lambda *arguments: ran.extend(arguments[-1]) or {}
+    )
     recall = recall_module.recall_of(Console(), problem, Store())
     assert recall(problem.paper_rigs()["line"]) == 61.0
     line = {"x": problem.paper_rigs()["line"]}
@@ -312,7 +316,7 @@ def test_time_that_is_over_leaves_a_gap(tmp_path, monkeypatch):
     ],
 )
 def test_mistakes_are_one_line(tmp_path, changes, key):
-    done = run(tmp_path, **changes)
-    assert done.exit_code == 2
-    assert f": search.{key}: expected " in done.stderr
-    assert done.stderr.count("\n") == 1
+    result = run(tmp_path, **changes)
+    assert result.exit_code == 2
+    assert f": search.{key}: expected " in result.stderr
+    assert result.stderr.count("\n") == 1

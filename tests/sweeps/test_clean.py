@@ -46,10 +46,10 @@ def test_what_no_sweep_refers_to_is_removed(store):
     a, b, c, d = saved(store, "a", "b", "c", "d")
     store.refer("one", [a.key])
     store.refer("two", [a.key, b.key, "not computed yet"])
-    told = clean_store(store, dry_run=True)
+    planned = clean_store(store, dry_run=True)
     assert store.finished([a, b, c, d]) == {a.key, b.key, c.key, d.key}
     cleaned = clean_store(store)
-    assert cleaned == told
+    assert cleaned == planned
     assert {entry.key for entry in cleaned.removed} == {c.key, d.key}
     assert store.finished([a, b, c, d]) == {a.key, b.key}
     assert cleaned.kept_bytes == size_of(store.contents()) > 2000
@@ -59,10 +59,10 @@ def test_what_no_sweep_refers_to_is_removed(store):
 
 
 def test_what_killed_processes_left_is_removed(store):
-    done, going, gone = tasks_of("done", "going", "gone")
+    finished, going, gone = tasks_of("done", "going", "gone")
     saved(store, "done")
-    store.refer("one", [done.key, going.key])
-    for task in (done, going, gone):
+    store.refer("one", [finished.key, going.key])
+    for task in (finished, going, gone):
         with store.working_folder(task) as folder:
             (folder / "last.pt").write_text("1")
     lost = store.running(going, Note("n1"))
@@ -100,7 +100,7 @@ def test_a_quota_spares_what_was_used_last(tmp_path):
         os.utime(store.path(task), (1e9 - age, 1e9 - age))
     total = size_of(store.contents())
     assert not clean_store(store, total).removed
-    store.read(a, lambda own: None)  # the oldest becomes the newest
+    store.read(a, lambda value: None)  # the oldest becomes the newest
     assert [entry.key for entry in clean_store(store, total - 1).removed] == [b.key]
     assert [entry.key for entry in clean_store(store, 0).removed] == [c.key, a.key]
     assert store.finished([a, b, c, d]) == {d.key}
@@ -119,31 +119,31 @@ NAMES = st.sets(st.sampled_from("abcdefg"))
 
 @settings(max_examples=25)
 @given(
-    there=NAMES,
+    stored=NAMES,
     sweeps=st.dictionaries(st.sampled_from(["one", "two", "three"]), NAMES),
     quota=st.none() | st.integers(0, 12_000),
     times=st.lists(st.floats(0, 4e9), min_size=7, max_size=7),  # a clock that jumps
 )
-def test_what_a_sweep_refers_to_is_never_removed(there, sweeps, quota, times):
+def test_what_a_sweep_refers_to_is_never_removed(stored, sweeps, quota, times):
     with tempfile.TemporaryDirectory() as folder:
         store = Store(Path(folder))
         tasks = dict(zip("abcdefg", tasks_of(*"abcdefg"), strict=True))
-        saved(store, *sorted(there))
+        saved(store, *sorted(stored))
         for name, time in zip("abcdefg", times, strict=True):
-            if name in there:
+            if name in stored:
                 os.utime(store.path(tasks[name]), (time, time))
         for name, names in sweeps.items():
             store.refer(name, [tasks[n].key for n in names])
         size = size_of(store.contents())
         cleaned = clean_store(store, quota)
-        left = {name for name in there if store.has(tasks[name])}
-        referred = set().union(*sweeps.values()) & there
+        left = {name for name in stored if store.has(tasks[name])}
+        referred = set().union(*sweeps.values()) & stored
         assert referred <= left
         assert size_of(store.contents()) == cleaned.kept_bytes
         if quota is None:
             assert left == referred
         elif size <= quota:
-            assert left == there
+            assert left == stored
         else:
             assert left == referred or cleaned.kept_bytes <= quota
             last = cleaned.removed[-1:]
@@ -158,24 +158,24 @@ def test_the_command_shows_sizes_and_makes_room(tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "160")
     config = tmp_path / "tiny.yaml"
     config.write_text(yaml.safe_dump({"placement": "line", "output": str(tmp_path / "runs")}))
-    told = run(config, code=2)
-    assert told == f"{tmp_path}/runs/store: not a store; no sweep has stored results there"
+    output = run(config, code=2)
+    assert output == f"{tmp_path}/runs/store: not a store; no sweep has stored results there"
     store = Store(tmp_path / "runs" / "store")
     a, b = saved(store, "a", "b", size=1_000_000)
     store.refer("tiny", [a.key])
     with store.in_use():
         assert run(config, code=2) == f"{store.folder}: in use by a running sweep"
-        told = run(config, "--dry-run")
-    assert "would be removed: 1 (1.0 MB); left: 1.0 MB" in told
+        output = run(config, "--dry-run")
+    assert "would be removed: 1 (1.0 MB); left: 1.0 MB" in output
     assert store.has(b)
     run(store.folder, "--quota", "10MB")
     assert store.has(b)
-    told = run(store.folder, "--quota", "1MB", code=1)
-    assert "removed: 1 (1.0 MB); left: 1.0 MB" in told
-    assert "what sweeps refer to is larger than 1.0 MB" in told
+    output = run(store.folder, "--quota", "1MB", code=1)
+    assert "removed: 1 (1.0 MB); left: 1.0 MB" in output
+    assert "what sweeps refer to is larger than 1.0 MB" in output
     assert store.finished([a, b]) == {a.key}
-    told = run(config, "--forget", "tiny", "--forget", "other", code=2)
-    assert told == f"--forget: no sweep 'other' in {store.folder}; found tiny"
+    output = run(config, "--forget", "tiny", "--forget", "other", code=2)
+    assert output == f"--forget: no sweep 'other' in {store.folder}; found tiny"
     assert store.references() == {"tiny": {a.key}}, "all or none"
     run(config, "--forget", "tiny")
     assert not store.has(a)
@@ -186,8 +186,8 @@ def test_the_command_at_a_url_has_to_be_told_that_no_sweep_runs(tmp_path, monkey
     store = RemoteStore(tmp_path / "cache", f"memory://{uuid.uuid4().hex}")
     (a,) = saved(store, "a")
     assert "--unlocked" in run(store.url, code=2)
-    told = run(store.url, "--dry-run")
-    assert "would be removed: 1 " in told
+    output = run(store.url, "--dry-run")
+    assert "would be removed: 1 " in output
     assert store.has(a)
     run(store.url, "--unlocked")
     assert not store.has(a)

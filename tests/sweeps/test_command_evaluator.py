@@ -47,9 +47,9 @@ def write_evaluated(folder: Path, evaluator: dict, **changes: object) -> Path:
     if not (folder / "log").exists():
         write_database(folder / "runs/mlflow.db")
         (folder / "toy.py").write_text(TOY)
-    own = {"command": "{python} toy.py {clouds} {detections}", "format": "kitti", "name": "toy"}
+    command = {"command": "{python} toy.py {clouds} {detections}", "format": "kitti", "name": "toy"}
     few = {"surrogate": SMALL["surrogate"] | {"names": ["ig"]}, "lidar": {"azimuth_steps": 90}}
-    keys = SMALL | few | {"placement": "line", "evaluator": own | evaluator} | changes
+    keys = SMALL | few | {"placement": "line", "evaluator": command | evaluator} | changes
     return write_sweep(folder, "tiny.yaml", **keys)
 
 
@@ -74,9 +74,9 @@ def here(tmp_path, monkeypatch):
 def write_truth(folder: Path) -> None:
     """Jittered boxes of the test frame as KITTI's result files."""
     boxes = pd.read_parquet(folder / "log/boxes.parquet")
-    found = jittered(boxes[boxes["frame"] == 3])
-    lines = label_lines(to_labels(found.assign(occluded=0)))
-    scored = zip(lines, found["score"], strict=True)
+    detections = jittered(boxes[boxes["frame"] == 3])
+    lines = label_lines(to_labels(detections.assign(occluded=0)))
+    scored = zip(lines, detections["score"], strict=True)
     (folder / "truth").mkdir(exist_ok=True)
     (folder / "truth/000003.txt").write_text("".join(f"{a} {b!r}\n" for a, b in scored))
 
@@ -86,24 +86,26 @@ def test_ap_is_that_of_the_same_boxes(here):
     write_truth(here)
     assert "command" in run("run", str(path), "--dry-run")
     assert "command" in run("status", str(path))
-    shown = run("run", str(path))
-    assert "failed" not in shown, shown
+    output = run("run", str(path))
+    assert "failed" not in output, output
     assert json.loads(run("status", str(path), "--json"))["stages"]["command"] == {"done": 1}
     results = pd.read_parquet("runs/tiny/results.parquet")
     assert set(results["detector"]) == {"toy"}
     sweep, plan = read_plan(path)
     (trial,), store = plan.trials, store_of(sweep)
-    found = store.load(trial.evaluate)
+    evaluation = store.load(trial.evaluate)
     (truths,) = [store.load(task) for task in trial.ground_truths]
     objects = truths.objects[truths.objects["frame"] == 3]
-    expected = evaluate_boxes(objects, found.detections, [3], ["Car"])
+    expected = evaluate_boxes(objects, evaluation.detections, [3], ["Car"])
     both = results.merge(expected, on=["class", "metric", "iou", "difficulty"], how="inner")
     assert len(both) == len(expected)
     assert both["value_x"].equals(both["value_y"])
     # Result files have two decimals.
     boxes = pd.read_parquet("log/boxes.parquet")
     exact = jittered(boxes[boxes["frame"] == 3])[list(GEOMETRY)].to_numpy()
-    assert np.allclose(np.sort(found.detections[list(GEOMETRY)], 0), np.sort(exact, 0), atol=6e-3)
+    assert np.allclose(
+        np.sort(evaluation.detections[list(GEOMETRY)], 0), np.sort(exact, 0), atol=6e-3
+    )
     assert Path("runs/tiny/commands/line-toy-seed-0.log").read_text() == "looked at 1 frames\n"
     assert not list(Path("runs/tiny/commands").glob(".*"))
     assert "toy" in Path("runs/tiny/report.md").read_text()
@@ -138,8 +140,8 @@ def test_seeds_are_of_a_command_that_names_them(here):
 def stage_of(folder: Path, code: str, **changes: object) -> CommandStage:
     (folder / "own.py").write_text(code)
     command = f"{sys.executable} own.py {{clouds}} {{detections}}"
-    how = {"command": command, "format": "parquet", "folder": folder, "time_limit": 20.0}
-    evaluator = EvaluatorCommand.model_validate(how | changes)
+    settings = {"command": command, "format": "parquet", "folder": folder, "time_limit": 20.0}
+    evaluator = EvaluatorCommand.model_validate(settings | changes)
     log = folder / "commands/a.log"
     return CommandStage(evaluator, (), ("Car",), rig=None, seed=None, log=log)
 
@@ -195,23 +197,25 @@ def test_a_wrong_convention_fails_unless_accepted_and_a_percentage_is_a_caution(
     objects = pd.DataFrame(rows, columns=list(none))
     objects.assign(y=-3, score=50)[list(COLUMNS)].to_parquet(tmp_path / "mine.parquet")
     code = "import shutil, sys; shutil.copy('mine.parquet', sys.argv[2])"
-    told = r": a: column y: detections fit the labels with y mirrored: median IoU 1.00 instead of "
-    told += (
+    pattern = (
+        r": a: column y: detections fit the labels with y mirrored: median IoU 1.00 instead of "
+    )
+    pattern += (
         r"0.00, of 12 objects in 1 frames; .*, or accept the values: evaluator.accept: \[place\]; "
     )
-    with pytest.raises(CommandFailed, match=told):
+    with pytest.raises(CommandFailed, match=pattern):
         stage_of(tmp_path, code).detect(frames, objects, clouds)
-    found = stage_of(tmp_path, code, accept=["place"]).detect(frames, objects, clouds)
-    assert len(found.detections) == 12
-    assert [text.partition(";")[0] for text in found.cautions] == [
+    result = stage_of(tmp_path, code, accept=["place"]).detect(frames, objects, clouds)
+    assert len(result.detections) == 12
+    assert [text.partition(";")[0] for text in result.cautions] == [
         "a: column score: scores are from 50 to 50, as percent are"
     ]
 
 
 def test_no_such_program(given, tmp_path):
-    own = stage_of(tmp_path, "", command="no-such-program {clouds} {detections}")
+    stage = stage_of(tmp_path, "", command="no-such-program {clouds} {detections}")
     with pytest.raises(CommandFailed, match="no-such-program: No such file or directory"):
-        own.detect(*given)
+        stage.detect(*given)
 
 
 def test_the_time_limit_ends_the_whole_group(given, tmp_path):
@@ -227,11 +231,11 @@ def hanging(mark: str) -> str:
 
 
 def processes(mark: str) -> list[str]:
-    found = []
+    numbers = []
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):
-            found.append(path.read_text(errors="replace"))
-    return [line for line in found if mark in line]
+            numbers.append(path.read_text(errors="replace"))
+    return [line for line in numbers if mark in line]
 
 
 def assert_gone(mark: str) -> None:
@@ -257,8 +261,8 @@ def test_killed_then_failed_and_tried_again(here):
     assert list((here / "runs/tiny/commands").glob(".*.part"))
     assert "stopped" in run("status", str(path))
     (here / "toy.py").write_text("raise SystemExit('no weights')")
-    shown = run("run", str(path), code=1)
-    assert "exit code 1; last lines: no weights; log " in " ".join(shown.split())
+    output = run("run", str(path), code=1)
+    assert "exit code 1; last lines: no weights; log " in " ".join(output.split())
     (here / "toy.py").write_text(TOY)
     run("run", str(path))
     assert not list((here / "runs/tiny/commands").glob(".*"))
@@ -292,9 +296,9 @@ def test_a_secret_in_the_command_is_a_caution(here, command, name):
 
 def test_doctor_looks_for_the_program(here):
     assert scenes(write_evaluated(here, {})).state == "good"
-    found = scenes(write_evaluated(here, {"command": "./none {clouds} {detections}"}))
-    assert found.state == "missing"
-    assert found.found == f"evaluator.command: no program ./none; found none at {here}/none"
+    result = scenes(write_evaluated(here, {"command": "./none {clouds} {detections}"}))
+    assert result.state == "missing"
+    assert result.found == f"evaluator.command: no program ./none; found none at {here}/none"
 
 
 def test_a_command_after_a_generalist(here):

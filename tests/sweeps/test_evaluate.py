@@ -21,15 +21,15 @@ ROI = (0.0, 40.0, -20.0, 20.0, 0.0, 4.0)
 
 def log_with_individuals(frames=60):
     log = log_of("parquet", frames)
-    own = log.boxes["object_id"] + "in" + (log.boxes["frame"] // 5).astype(str)
-    return replace(log, boxes=log.boxes.assign(object_id=own))
+    individuals = log.boxes["object_id"] + "in" + (log.boxes["frame"] // 5).astype(str)
+    return replace(log, boxes=log.boxes.assign(object_id=individuals))
 
 
 def jittered(boxes, seed, share=0.8, sd=0.15):
     random = np.random.default_rng(seed)
-    found = scored(boxes[random.uniform(size=len(boxes)) < share])
-    found[[*"xy"]] += random.normal(0, sd, (len(found), 2))
-    return found
+    detected = scored(boxes[random.uniform(size=len(boxes)) < share])
+    detected[[*"xy"]] += random.normal(0, sd, (len(detected), 2))
+    return detected
 
 
 @pytest.fixture(scope="module")
@@ -59,12 +59,12 @@ def test_jittered_ones_are_worth_what_kitti_ap_says(world):
     rows = json.loads(run(world, world / "a.parquet", "--json"))
     objects = ground_truth(log, ROI[:2], ROI[2:4], ROI[4:])
     frames = log.frames["frame"].tolist()
-    found = pd.read_parquet(world / "a.parquet")
-    direct = evaluation(objects, found, frames, sorted(log.boxes["class"].unique()))
+    detections = pd.read_parquet(world / "a.parquet")
+    direct = evaluation(objects, detections, frames, sorted(log.boxes["class"].unique()))
     keys = ["class", "metric", "iou"]
-    told = pd.DataFrame(rows).set_index(keys)["mean"]
+    means = pd.DataFrame(rows).set_index(keys)["mean"]
     pd.testing.assert_series_equal(
-        told.sort_index(), direct.metrics.set_index(keys)["value"].sort_index(), check_names=False
+        means.sort_index(), direct.metrics.set_index(keys)["value"].sort_index(), check_names=False
     )
 
 
@@ -105,13 +105,13 @@ def test_rigs_become_a_run_folder(world, tmp_path):
     for page in ("report.html", "decision.html", "failures.html"):
         assert (out / page).exists()
     assert str(out / "decision.html") in text.splitlines()
-    found = RunFolder.read(out)
-    assert found.sweep.detections == {
+    run_folder = RunFolder.read(out)
+    assert run_folder.sweep.detections == {
         name: (f"{world / name}.parquet", f"{world}/labels.parquet") for name in "ab"
     }
-    assert sorted(found.trials["trial"]) == ["a/0", "a/1", "b/0", "b/1"]
-    assert found.failures is not None
-    assert found.placements["a"][0].x == 0.5
+    assert sorted(run_folder.trials["trial"]) == ["a/0", "a/1", "b/0", "b/1"]
+    assert run_folder.failures is not None
+    assert run_folder.placements["a"][0].x == 0.5
     decision = (out / "decision.html").read_text()
     assert "Where the LiDARs sit" in decision
     assert "MLflow" not in decision
@@ -133,32 +133,32 @@ def test_an_implausible_convention_is_refused_unless_accepted(world, tmp_path):
     path = write("parquet", tmp_path / "found", log, mirrored)
     rig = (tmp_path / "rig.yaml").write_text("mounts: [{x: 0.5, y: 0, z: 2}]\n") and "rig.yaml"
     options = ["--log", world / "log", f"--rig=a={path}", f"--geometry=a={tmp_path / rig}"]
-    shown = call(app, "calibrate", *options, code=2).output
-    assert shown == run(world, path, code=2)
-    assert shown.startswith(f"{path}: column y: detections fit the labels with y mirrored: median")
-    assert shown.endswith("; convert them, or accept the values: --accept place\n")
-    shown = run(world, path, "--accept", "place")
-    assert f"warning: {path}: column score: scores are from 50 to 50, as percent are" in shown
+    output = call(app, "calibrate", *options, code=2).output
+    assert output == run(world, path, code=2)
+    assert output.startswith(f"{path}: column y: detections fit the labels with y mirrored: median")
+    assert output.endswith("; convert them, or accept the values: --accept place\n")
+    output = run(world, path, "--accept", "place")
+    assert f"warning: {path}: column score: scores are from 50 to 50, as percent are" in output
     assert "warning" not in run(world, path, "--accept", "place", "--accept", "score")
 
 
 def test_a_class_without_objects_has_no_ap(world):
     region = ["--roi", 5, 7, -20, 20, 0, 4]
-    shown = run(world, world / "a.parquet", *region, "--class", "Car", "--class", "Pedestrian")
-    assert "no object of Pedestrian counts in these frames: no AP, no recall" in shown
-    assert "of 0 objects" not in shown
+    output = run(world, world / "a.parquet", *region, "--class", "Car", "--class", "Pedestrian")
+    assert "no object of Pedestrian counts in these frames: no AP, no recall" in output
+    assert "of 0 objects" not in output
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "expected"),
     [
         (["{a}", "--split", "train"], "--split: no frame of the split; expected train, found test"),
         (["{a}", "--geometry", "b=recorded"], "--geometry b=recorded: no rig, or a second"),
         (["{a}", "--geometry", "detections=recorded"], "no recorded rig; convert the log with"),
     ],
 )
-def test_mistakes_are_one_line(world, arguments, told):
-    own = [each.format(a=world / "a.parquet") for each in arguments]
-    text = run(world, *own, code=2)
-    assert text.startswith(told)
+def test_mistakes_are_one_line(world, arguments, expected):
+    words = [each.format(a=world / "a.parquet") for each in arguments]
+    text = run(world, *words, code=2)
+    assert text.startswith(expected)
     assert len(text.splitlines()) == 1

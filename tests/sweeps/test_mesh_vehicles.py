@@ -80,9 +80,9 @@ def test_units_axes_and_origin(folder):
     file.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]))
     file.apply_scale(1000)
     file.export(folder / "cad.obj")
-    told = {"mesh": "cad.obj", "scale": 0.001, "roll_deg": 90, "yaw_deg": 180}
-    told["origin"] = [0, 0, 0.2]
-    np.testing.assert_allclose(body_of(folder, told).extents, [[LOW, HIGH]], atol=1e-6)
+    settings = {"mesh": "cad.obj", "scale": 0.001, "roll_deg": 90, "yaw_deg": 180}
+    settings["origin"] = [0, 0, 0.2]
+    np.testing.assert_allclose(body_of(folder, settings).extents, [[LOW, HIGH]], atol=1e-6)
 
 
 def broken(folder):
@@ -126,8 +126,8 @@ def test_wrong_files_are_one_line(folder):
 
 def test_too_many_triangles_and_no_trimesh(folder, monkeypatch):
     monkeypatch.setattr("lidarplace.mounting.mesh_file.MOST_TRIANGLES", 11)
-    told = r"body\.stl: expected at most 11 triangles, found 12; simplify the mesh"
-    with pytest.raises(ConfigError, match=told):
+    expected = r"body\.stl: expected at most 11 triangles, found 12; simplify the mesh"
+    with pytest.raises(ConfigError, match=expected):
         read_sweep(sweep_file(folder))
     monkeypatch.setitem(sys.modules, "trimesh", None)
     shutil.copy(folder / "body.stl", folder / "another.stl")
@@ -140,19 +140,19 @@ def test_the_path_is_beside_the_file_and_content_decides_the_keys(folder, monkey
         plan = make_plan(read_sweep(path))
         return {task.stage.name: task.key for task in plan.tasks}
 
-    here = collected(sweep_file(folder))
+    params = collected(sweep_file(folder))
     monkeypatch.chdir("/")
-    assert collected(folder / "grid.yaml") == here
+    assert collected(folder / "grid.yaml") == params
     other = folder / "moved"
     other.mkdir()
     shutil.move(folder / "body.stl", other / "renamed.stl")
     moved = collected(sweep_file(folder, "moved/grid.yaml", vehicle="renamed.stl"))
-    assert moved == here
+    assert moved == params
     taller = solid()
     taller.apply_scale([1, 1, 1.01])
     taller.export(other / "renamed.stl")
     changed = collected(other / "grid.yaml")
-    assert {stage for stage in here if changed[stage] != here[stage]} == {
+    assert {stage for stage in params if changed[stage] != params[stage]} == {
         *("collect", "recall", "finetune", "evaluate")
     }
 
@@ -162,9 +162,9 @@ def test_a_task_has_the_triangles_with_it(folder):
     (task,) = [task for task in plan.tasks if task.stage.name == "recall"]
     key = task.key
     (folder / "body.stl").unlink()
-    params = pickle.loads(pickle.dumps(task.stage))
-    np.testing.assert_array_equal(params.vehicle.mesh.triangles, task.stage.vehicle.mesh.triangles)
-    assert type(task)("recall", "", params, task.inputs).key == key
+    stage = pickle.loads(pickle.dumps(task.stage))
+    np.testing.assert_array_equal(stage.vehicle.mesh.triangles, task.stage.vehicle.mesh.triangles)
+    assert type(task)(stage, "", task.inputs).key == key
 
 
 def test_clouds_are_those_of_the_box(folder):
@@ -174,14 +174,14 @@ def test_clouds_are_those_of_the_box(folder):
     log = read_box_log(folder / "log")
     frames = log.frames["frame"].to_numpy()[:2]
     crop = (-40.0, -20.0, -0.5, 40.0, 20.0, 4.0)
-    own, other, none = (
+    mesh_clouds, other, none = (
         collect(log, frames, rig, crop, vehicle=vehicle)
         for vehicle in (mesh, BOX, Vehicle("none", np.empty((0, 2, 3))))
     )
-    np.testing.assert_array_equal(own.counts, other.counts)
+    np.testing.assert_array_equal(mesh_clouds.counts, other.counts)
     for number in range(2):
-        np.testing.assert_array_equal(own[number], other[number])
-    assert (none.counts > own.counts).all()
+        np.testing.assert_array_equal(mesh_clouds[number], other[number])
+    assert (none.counts > mesh_clouds.counts).all()
 
 
 def test_mounts_inside_are_refused(folder):
@@ -199,25 +199,25 @@ def test_searches_with_a_mesh_measure_as_with_the_box(folder):
     search = {"lidars": 1, "zones": zones, "constraints": {"body_share": 0.6}}
     search |= {"requirements": needs, "greedy": None}
     rig = (MountedLidar("lidar", "front", Mount(2.31, 0.1, 0.7)),)
-    found = []
+    measures = []
     for vehicle in ({"mesh": "body.stl"}, [[LOW, HIGH]]):
         problem = read_problem(write_search(folder, search=search | {"vehicle": vehicle}))
         criteria = problem.criteria
-        names = {own.name for own in criteria.constraints}
+        names = {constraint.name for constraint in criteria.constraints}
         assert {"body", "body_share", "requirement.ground", "requirement.people"} <= names
-        found.append(measures_of(rig, criteria.constraints, criteria.carrier))
-    assert found[0] == pytest.approx(found[1], abs=1e-9)
+        measures.append(measures_of(rig, criteria.constraints, criteria.carrier))
+    assert measures[0] == pytest.approx(measures[1], abs=1e-9)
 
 
 def test_a_caution_says_how_much_a_mesh_stops(folder):
     changes = {"placements": {"low": {"mounts": [{"z": 2.0}, {"z": 1.52}]}}, "detector": None}
     changes["placement"] = "low"
-    own, other = (
+    caution, other = (
         rig_cautions(make_plan(read_sweep(sweep_file(folder, vehicle=vehicle, **changes))))
         for vehicle in ("body.stl", [[LOW, HIGH]])
     )
-    assert own == other
-    assert any("what LiDAR 2 fires meets the vehicle" in line for line in own)
+    assert caution == other
+    assert any("what LiDAR 2 fires meets the vehicle" in line for line in caution)
 
 
 def test_the_run_folder_of_a_sweep_has_the_mesh(folder):
@@ -267,6 +267,8 @@ def test_a_studio_s_file(folder):
     path.write_text(yaml.safe_dump({"vehicle": "body.stl", "placements": {"mine": rig}}))
     file = read_rigs(path)
     assert file.vehicle.height == 1.5
-    (inside,) = [own for own in violations(file.rigs[0], file) if own.limit == "body"]
+    (inside,) = [
+        violation for violation in violations(file.rigs[0], file) if violation.limit == "body"
+    ]
     assert inside.lidars == (1,)
     assert inside.excess == pytest.approx(0.1, abs=1e-6)

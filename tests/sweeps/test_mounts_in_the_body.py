@@ -137,13 +137,13 @@ def test_blind_lidars_of_a_search(tmp_path):
 
     searched = problem(objective="price", models={"lidar_1": "bpearl"})
     violations = [found(searched, *turns).violations for turns in ((0, 0), (0, 1.6), (1.6, -1.6))]
-    assert [own["blind_lidars"] for own in violations] == [2, 1, 0]
+    assert [item["blind_lidars"] for item in violations] == [2, 1, 0]
     assert [found(searched, 1.6, turn).feasible for turn in (0, 1.6)] == [False, True]
     roof = {"zones": {"roof": {"x": 0, "y": [-0.5, 0.5], "z": 2.6}}, "roll_deg": 0}
     assert candidates_of(problem(**roof)) == []
     assert candidates_of(problem(allow=True, **roof))
     fixed = {"fixed": [{"z": 2.6}]}
-    names = {own.name for own in problem(allow=True, **fixed).criteria.constraints}
+    names = {item.name for item in problem(allow=True, **fixed).criteria.constraints}
     assert "blind_lidars" not in names
     assert problem().key != problem(allow=True).key
 
@@ -152,10 +152,10 @@ def test_of_a_search(tmp_path):
     def problem(**search):
         return read_problem(write_search(tmp_path, search=search))
 
-    assert "body" not in {own.name for own in problem().criteria.constraints}
+    assert "body" not in {constraint.name for constraint in problem().criteria.constraints}
     into = {"front": {"x": [2.2, 2.6], "y": [-0.5, 0.5], "z": 0.5}}
     found = problem(zones=into, lidars=1, greedy={"position_step": 0.1})
-    (body,) = [own for own in found.criteria.constraints if own.name == "body"]
+    (body,) = [constraint for constraint in found.criteria.constraints if constraint.name == "body"]
 
     def violation(x):
         rig = (MountedLidar("lidar", "front", Mount(x=x, z=0.5)),)
@@ -171,10 +171,14 @@ def test_a_mirrored_zone_reaches_into_what_is_on_the_other_side(tmp_path):
     right = [[[-1.0, -1.5, 0.0], [1.0, -0.5, 2.0]]]
     zone = {"x": 0, "y": [0.8, 1.2], "z": [1.0, 1.5]}
     pairs = {"lidars": [0, 1], "mirrored": True}
-    for symmetric, own, reaches in ((False, {}, False), (True, {}, True), (False, pairs, True)):
-        search = {"vehicle": right, "zones": {"side": zone | own}, "symmetric": symmetric}
-        found = read_problem(write_search(tmp_path, search=search))
-        assert ("body" in {one.name for one in found.criteria.constraints}) == reaches
+    for symmetric, mirrored, reaches in (
+        (False, {}, False),
+        (True, {}, True),
+        (False, pairs, True),
+    ):
+        search = {"vehicle": right, "zones": {"side": zone | mirrored}, "symmetric": symmetric}
+        search_problem = read_problem(write_search(tmp_path, search=search))
+        assert ("body" in {one.name for one in search_problem.criteria.constraints}) == reaches
 
 
 def test_a_search_of_objects_has_its_vehicle(tmp_path):

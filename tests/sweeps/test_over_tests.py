@@ -31,12 +31,12 @@ TESTS += [metrics([40.0, 70.0, 90.0], 5)]
 
 @pytest.mark.parametrize(("over", "values"), [("mean", [50, 70]), ("worst", [40, 60])])
 def test_each_metric_is_taken_by_itself(over, values):
-    found = metrics_over_tests(TESTS, over)
-    assert found["value"].tolist()[:2] == values
-    assert np.isnan(found["value"].iloc[2])  # one of them had no object
-    assert found["ground_truths"].tolist() == [35] * 3
+    merged = metrics_over_tests(TESTS, over)
+    assert merged["value"].tolist()[:2] == values
+    assert np.isnan(merged["value"].iloc[2])  # one of them had no object
+    assert merged["ground_truths"].tolist() == [35] * 3
     keys = ["class", "metric", "iou"]
-    pd.testing.assert_frame_equal(found[keys], TESTS[0][keys])
+    pd.testing.assert_frame_equal(merged[keys], TESTS[0][keys])
 
 
 @pytest.mark.parametrize(
@@ -50,13 +50,13 @@ def test_each_metric_is_taken_by_itself(over, values):
 def test_a_route_is_left_out_of_all_vehicles_in_its_traffic(over, values):
     tables = [left_out([52.0, 46.0, 0, 0, 50, 0]), left_out([62.0, 56.0, 0, 0, 60, 0])]
     tables.append(left_out([43.0, 34.0, 0, 0, 40, 0]))
-    found = left_out_over_tests(tables, [1, 1, 2], over)
-    own = found[found["metric"] == "AP_R40_3D"]
-    whole = own[own["unit"] == "nothing"]
+    merged = left_out_over_tests(tables, [1, 1, 2], over)
+    rows = merged[merged["metric"] == "AP_R40_3D"]
+    whole = rows[rows["unit"] == "nothing"]
     assert whole[["left_out", "value"]].to_numpy().tolist() == [["", {"mean": 50}.get(over, 40)]]
-    own = own[own["unit"] == "route"]
-    assert own["left_out"].tolist() == [f"traffic {n}: {r}" for n in (1, 2) for r in "ab"]
-    np.testing.assert_allclose(own["value"], values)
+    rows = rows[rows["unit"] == "route"]
+    assert rows["left_out"].tolist() == [f"traffic {n}: {r}" for n in (1, 2) for r in "ab"]
+    np.testing.assert_allclose(rows["value"], values)
 
 
 def test_one_test_stays_as_it_is():
@@ -64,15 +64,15 @@ def test_one_test_stays_as_it_is():
     box = {"x": 10.0, "y": 0.0, "z": 1.0, "length": 4.0, "width": 2.0, "height": 1.5, "yaw": 0.0}
     truths = pd.DataFrame([{"frame": f, "class": "Car", **box} for f in range(6)])
     truths = truths.assign(scene="s", object_id=[str(f) for f in range(6)])
-    found = truths.assign(score=random.uniform(size=6), x=10 + random.uniform(0, 2, 6))
+    detections = truths.assign(score=random.uniform(size=6), x=10 + random.uniform(0, 2, 6))
     routes = pd.DataFrame({"scene": "s", "frame": range(6), "route": [0, 0, 1, 1, 2, 2]})
-    whole = evaluation(truths, found, routes, ["Car"])
+    whole = evaluation(truths, detections, routes, ["Car"])
     for over in ("mean", "worst"):
         pd.testing.assert_frame_equal(metrics_over_tests([whole.metrics], over), whole.metrics)
         left = left_out_over_tests([whole.left_out], [1], over)
-        own = whole.left_out[whole.left_out["unit"] != "half"]
-        np.testing.assert_array_equal(left["value"], own["value"])
-        assert len(left) == len(own) > 0
+        without_halves = whole.left_out[whole.left_out["unit"] != "half"]
+        np.testing.assert_array_equal(left["value"], without_halves["value"])
+        assert len(left) == len(without_halves) > 0
         assert not with_columns(left, {"placement": "line"}).isna().any(axis=None)
 
 

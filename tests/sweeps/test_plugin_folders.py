@@ -5,6 +5,7 @@ from unittest.mock import patch
 
 import pytest
 
+from lidarplace.base.code_version import code_version
 from lidarplace.base.plugin_folders import PLUGINS, plugin_folder
 from lidarplace.pog.surrogates.table import SURROGATES
 from sweeps.execution.ray_cluster import _plug_ins
@@ -48,11 +49,14 @@ def test_each_configuration_has_its_own_plugins(projects):
     for project in projects:
         read_plan(project)
     assert sys.path == path
+    versions = set()
     for project, label in zip(projects, ("constant 1.5", "constant 2.5"), strict=True):
         with plugin_folder(project.parent):
             assert SURROGATES["plug_two:ONE"].label == label
             assert SURROGATES["plug_two:ONE"].of_seen(None) == float(label.split()[1])
+            versions.add(code_version("plug_two"))
             assert _plug_ins() == [str(project.parent / "plug_two")]
+    assert len(versions) == 2
     assert sys.path == path
 
 

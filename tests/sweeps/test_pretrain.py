@@ -55,12 +55,12 @@ def test_the_clouds_of_all_placements_train_together(folder):
     assert len(truths) == 1, "or every object would be there twice"
     assert len(task.inputs) == 5
     assert task.stage.seed == 1
-    known = {item.key for item in plan.tasks}
+    keys = {item.key for item in plan.tasks}
     seen = set()
     for needed in with_inputs([task]):
         assert all(item.key in seen for item in needed.inputs)
         assert needed.key not in seen
-        assert needed.key in known or needed is task
+        assert needed.key in keys or needed is task
         seen.add(needed.key)
     stages = {item.stage.name for item in with_inputs([task])}
     assert stages == {"scene", "ground_truth", "collect", "pretrain"}
@@ -77,9 +77,9 @@ def test_the_range_holds_that_of_every_placement(folder):
 
 def test_the_command_writes_weights_to_start_from(folder):
     config, out = write(folder), folder / "weights" / "base.pt"
-    done = call(app, config, "--out", out)
-    told = "pointpillars_tiny · 4 rigs, classes Car, Cyclist, Pedestrian, from scratch"
-    assert told in done.output
+    result = call(app, config, "--out", out)
+    description = "pointpillars_tiny · 4 rigs, classes Car, Cyclist, Pedestrian, from scratch"
+    assert description in result.output
     content = torch.load(out, weights_only=True)
     assert content["detector"] == "pointpillars_tiny"
     assert content["classes"] == ["Car", "Cyclist", "Pedestrian"], "all, also those without object"
@@ -123,8 +123,8 @@ def test_a_base_does_not_start_from_itself(folder):
 def test_a_training_that_fails_says_why(folder):
     training = {"epochs": 3, "lr": 1e6, "div_factor": 1, "grad_norm_clip": 1e6}
     config = write(folder, training=training)
-    done = call(app, config, "--out", folder / "none.pt", code=1)
-    assert "failed: pointpillars_tiny · 4 rigs: ArithmeticError: the " in done.output
+    result = call(app, config, "--out", folder / "none.pt", code=1)
+    assert "failed: pointpillars_tiny · 4 rigs: ArithmeticError: the " in result.output
     (log,) = (folder / "runs" / "grid" / "failed").glob("pretrain-*.log")
     assert "Traceback" in log.read_text()
     assert not (folder / "none.pt").exists()

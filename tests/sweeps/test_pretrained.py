@@ -58,13 +58,13 @@ def judged(folder, **changes):
 
 
 def test_the_file_says_what_it_was_trained_on(folder):
-    found = read_generalist(folder / "base.pt").domain
-    assert found.lidars == (4, 4)
-    assert found.beams == (16, 16)
-    assert found.rays == (4 * 16 * 240, 4 * 16 * 480)
-    assert found.height == (2.2, 3.0)
-    assert (found.x, found.y, found.z) == ((0, 40), (-20, 20), (-0.5, 4))
-    assert found.classes == ("Car", "Cyclist", "Pedestrian")
+    domain = read_generalist(folder / "base.pt").domain
+    assert domain.lidars == (4, 4)
+    assert domain.beams == (16, 16)
+    assert domain.rays == (4 * 16 * 240, 4 * 16 * 480)
+    assert domain.height == (2.2, 3.0)
+    assert (domain.x, domain.y, domain.z) == ((0, 40), (-20, 20), (-0.5, 4))
+    assert domain.classes == ("Car", "Cyclist", "Pedestrian")
 
 
 def test_a_sweep_trains_nothing_and_python_finds_the_same(folder):
@@ -115,28 +115,28 @@ def search(folder, **changes):
         if not (folder / name).exists():
             write_small_log(folder / name, seed=len(name))
     zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [2.2, 2.4], "standoff": None}
-    own = {"lidars": 4, "objective": "pretrained", "zones": {"roof": zone}, "trials": 3}
+    settings = {"lidars": 4, "objective": "pretrained", "zones": {"roof": zone}, "trials": 3}
     traffic = {name: {"scene.test_folder": str(folder / name)} for name in ("search", "choice")}
-    own |= {"batch_size": 3, "greedy": None, "traffic": traffic}
+    settings |= {"batch_size": 3, "greedy": None, "traffic": traffic}
     content = {k: v for k, v in TRAINED.items() if k != "grid"}
     content |= {"training": {"checkpoint": str(folder / "base.pt")}, "verify": None}
-    return write(folder, content | {"robustness": {"draws": 2}, "search": own | changes})
+    return write(folder, content | {"robustness": {"draws": 2}, "search": settings | changes})
 
 
 @pytest.mark.usefixtures("two_peers")
 def test_a_search_is_judged_by_the_file(folder):
     path = search(folder)
-    done = call(app, "search", path)
-    assert "robustness: not computed: no objective is a surrogate" in done.output
-    assert "pretrained.recall" in done.output
+    result = call(app, "search", path)
+    assert "robustness: not computed: no objective is a surrogate" in result.output
+    assert "pretrained.recall" in result.output
     assert (folder / "runs" / "search" / "search.html").exists()
 
 
 @pytest.mark.usefixtures("two_peers")
 def test_a_second_round_is_evaluated_by_weights_trained_near_the_best(folder):
     objective = "pretrained.recall and AP_R40_3D_mean.Car"
-    own = {"objective": objective, "trials": 5, "adapt": 3, "families": 3}
-    path = search(folder, **own)
+    item = {"objective": objective, "trials": 5, "adapt": 3, "families": 3}
+    path = search(folder, **item)
     small = ["--set", "name=rounds", "--set", "generalist={rigs: 3, rigs_per_frame: 1, epochs: 1}"]
     command = ["search", str(path), *small, "--set", "roi={x: [0, 40], y: [-20, 20], z: [0, 4]}"]
     call(app, *command)
@@ -145,14 +145,14 @@ def test_a_second_round_is_evaluated_by_weights_trained_near_the_best(folder):
     assert first.search.first.name == objective
     assert second.search.first.name == objective.replace("pretrained", "generalist")
     best = [rig for rig in first.search.rigs.values() if rig.role == "found"]
-    asked = [second.rig_of(trial).mounts for _, trial in second.trials.iterrows()]
-    assert [np.round(own, 3).tolist() for own in asked] == [
+    mounts = [second.rig_of(trial).mounts for _, trial in second.trials.iterrows()]
+    assert [np.round(item, 3).tolist() for item in mounts] == [
         np.round(rig.mounts, 3).tolist() for rig in best[:2]
     ], "it starts from the best"
     stages = [folder / "runs" / "store" / stage for stage in ("pretrain", "judge")]
-    before = {path: path.stat().st_mtime_ns for own in stages for path in own.glob("*")}
+    before = {path: path.stat().st_mtime_ns for item in stages for path in item.glob("*")}
     call(app, *command)
-    after = {path: path.stat().st_mtime_ns for own in stages for path in own.glob("*")}
+    after = {path: path.stat().st_mtime_ns for item in stages for path in item.glob("*")}
     assert after == before, "the same command trains and judges nothing again"
 
 
@@ -179,22 +179,22 @@ def test_a_domain_is_that_of_its_rigs():
         assert domain.outside(rig, crop, ("Car",)) is None
     assert domain.outside(low, crop, ("Bus",)) == "class Bus; expected Car"
     above = Placement("above", [Mount(z=3.2)], lidar=paper)
-    told = "a LiDAR at a height of 3.2 m; expected 0.5 to 3"
-    assert domain.outside(above, crop, ("Car",)) == told
+    expected = "a LiDAR at a height of 3.2 m; expected 0.5 to 3"
+    assert domain.outside(above, crop, ("Car",)) == expected
     pattern = Placement("livox", [Mount(z=2.0)], lidar=Lidar.named("mid70"))
-    told = "a LiDAR whose pattern does not repeat; expected beams that turn"
-    assert domain.outside(pattern, crop, ("Car",)) == told
+    expected = "a LiDAR whose pattern does not repeat; expected beams that turn"
+    assert domain.outside(pattern, crop, ("Car",)) == expected
 
 
 def test_the_demo_and_its_search_fit_the_file_of_the_package():
-    found = read_generalist()
-    assert found.detector == "pointpillars_tiny"
-    assert found.classes == ("Car", "Cyclist", "Pedestrian")
-    assert all(torch.isfinite(value).all() for value in found.state_dict.values())
+    generalist = read_generalist()
+    assert generalist.detector == "pointpillars_tiny"
+    assert generalist.classes == ("Car", "Cyclist", "Pedestrian")
+    assert all(torch.isfinite(value).all() for value in generalist.state_dict.values())
     examples = Path(__file__).parents[2] / "examples"
     plan = make_plan(read_sweep(examples / "demo.yaml"))
     trained = [task.stage for task in plan.tasks if task.stage.name == "finetune"]
-    assert [params.checkpoint for params in trained] == 8 * [found.digest]
+    assert [params.checkpoint for params in trained] == 8 * [generalist.digest]
     problem = read_problem(examples / "search_demo.yaml")  # refuses rigs that it does not know
     assert problem.pretrained
     assert problem.space.zones[0].z == (1.6, 1.8)

@@ -40,30 +40,34 @@ def outcomes(content):
 def small(**changes):
     """The small file with keys of its only requirement changed; None takes one out."""
     wanted = SMALL["requirements"][0] | changes
-    kept = {key: value for key, value in wanted.items() if value is not None}
-    return SMALL | {"requirements": [kept]}
+    settings = {key: value for key, value in wanted.items() if value is not None}
+    return SMALL | {"requirements": [settings]}
 
 
 def test_the_example():
     """Both rigs see pedestrians with any one LiDAR dead; neither a child right behind the car."""
-    done = run(EXAMPLE, "--json")
-    assert done.exit_code == 1, done.output
-    found = json.loads(done.stdout)
-    met = {(own["rig"], own["requirement"]): own["met"] for own in found["outcomes"]}
+    result = run(EXAMPLE, "--json")
+    assert result.exit_code == 1, result.output
+    content = json.loads(result.stdout)
+    met = {
+        (outcome["rig"], outcome["requirement"]): outcome["met"] for outcome in content["outcomes"]
+    }
     assert {rig for rig, _ in met} == {"line", "corners"}
     assert met["line", "pedestrians all around"]
     assert met["corners", "pedestrians all around"]
     assert met["corners", "the ground around"]
     assert not met["line", "the ground around"]
-    behind = next(own for own in found["outcomes"] if own["requirement"] == "a child behind")
+    behind = next(
+        outcome for outcome in content["outcomes"] if outcome["requirement"] == "a child behind"
+    )
     assert not behind["met"]
     assert behind["cases"][0]["short_by"] == 10
     assert -3.35 <= behind["cases"][0]["x"] <= -2.55, "close to the rear"
     table = pd.read_csv("requirements.csv")
-    assert len(table) == sum(len(own["cases"]) for own in found["outcomes"])
+    assert len(table) == sum(len(outcome["cases"]) for outcome in content["outcomes"])
     for column, key in (("value", "value"), ("heading_deg", "heading_deg"), ("met", "met")):
-        told = [case[key] for own in found["outcomes"] for case in own["cases"]]
-        np.testing.assert_array_equal(table[column], np.array(told, table[column].dtype))
+        values = [case[key] for outcome in content["outcomes"] for case in outcome["cases"]]
+        np.testing.assert_array_equal(table[column], np.array(values, table[column].dtype))
     page = Path("requirements.html").read_text(encoding="utf-8")
     assert "corners · a child behind: FAILED" in page
     assert "line · pedestrians all around: met" in page
@@ -87,8 +91,8 @@ def test_a_lidar_by_its_name_alone(name):
 
 
 def test_a_dry_run_writes_nothing():
-    done = run(SMALL, "--dry-run", "--json")
-    plan = json.loads(done.stdout)
+    result = run(SMALL, "--dry-run", "--json")
+    plan = json.loads(result.stdout)
     assert plan["rigs"] == ["mine"]
     (row,) = plan["requirements"]
     assert row["objects"] == 4 * row["positions"] > 0
@@ -111,8 +115,8 @@ def test_rigs_by_name_file_and_run_folder():
 def test_the_dark_are_seen_less():
     def points(reflectivity):
         lidar = SMALL["lidar"] | {"range_10": 3.0}
-        what = {"class": "Pedestrian", "reflectivity": reflectivity}
-        return outcomes(small(what=what) | {"lidar": lidar})[0]["cases"][0]["at_worst"]
+        target = {"class": "Pedestrian", "reflectivity": reflectivity}
+        return outcomes(small(what=target) | {"lidar": lidar})[0]["cases"][0]["at_worst"]
 
     assert points(0.02) < points(0.9) == points(1.0)
 
@@ -120,19 +124,19 @@ def test_the_dark_are_seen_less():
 def test_what_is_kept_out_hides_what_is_behind_it():
     """As a box of the vehicle does, with which it shares its outline."""
     wall = {"x": [1.0, 1.1], "y": [-0.9, 0.9], "z": [0.9, 2.5]}
-    box = [[own[end] for own in wall.values()] for end in (0, 1)]
+    box = [[item[end] for item in wall.values()] for end in (0, 1)]
     body = [[[-2.35, -0.95, 0.0], [2.35, 0.95, 0.95]], [[-1.75, -0.8, 0.0], [0.9, 0.8, 1.5]]]
     front = small(where={"x": [3, 6], "y": [-1, 1]})
     keys = ({}, {"keep_out": {"window": wall}}, {"vehicle": [*body, box]})
-    found = [outcomes(front | own) for own in keys]
-    assert found[0] != found[1] == found[2]
-    assert found[0][0]["met"]
-    assert not found[1][0]["met"]
+    results = [outcomes(front | item) for item in keys]
+    assert results[0] != results[1] == results[2]
+    assert results[0][0]["met"]
+    assert not results[1][0]["met"]
 
 
 def test_overrides():
-    done = run(SMALL, "--set", "lidar.beams=1", "--set", "lidar.elevation_deg=[89, 89]")
-    assert done.exit_code == 1, "it looks at the sky"
+    result = run(SMALL, "--set", "lidar.beams=1", "--set", "lidar.elevation_deg=[89, 89]")
+    assert result.exit_code == 1, "it looks at the sky"
 
 
 def test_several_sensors_and_their_common_view():
@@ -143,18 +147,20 @@ def test_several_sensors_and_their_common_view():
     sky = {"x": 0.9, "z": 1.6, "pitch": -1.5, "lidar": {"beams": 4, "elevation_deg": [0, 5]}}
     roof = [{"x": x, "y": y, "z": 1.8} for x in (-0.5, 0.5) for y in (-0.4, 0.4)]
     rigs = {"roof": {"mounts": roof}, "apart": {"mounts": [*roof[:2], sky]}}
-    done = run(SMALL | {"placements": rigs, "requirements": [twice, view]})
-    assert done.exit_code == 1, done.output
-    lines = [line.split() for line in done.stdout.splitlines() if "roof" in line or "apart" in line]
+    result = run(SMALL | {"placements": rigs, "requirements": [twice, view]})
+    assert result.exit_code == 1, result.output
+    lines = [
+        line.split() for line in result.stdout.splitlines() if "roof" in line or "apart" in line
+    ]
     verdicts = {
         (words[0], words[1]): next(w for w in words if w in ("pass", "FAIL")) for words in lines
     }
     names = ("people", "calibration")
     assert [verdicts["roof", name] for name in names] == ["pass", "pass"]
     assert [verdicts["apart", name] for name in names] == ["FAIL", "FAIL"]
-    assert "1 points by 2 sensors" in done.stdout
-    found = outcomes(SMALL | {"placements": rigs, "requirements": [view]})
-    (case,) = next(own["cases"] for own in found if own["rig"] == "apart")
+    assert "1 points by 2 sensors" in result.stdout
+    results = outcomes(SMALL | {"placements": rigs, "requirements": [view]})
+    (case,) = next(outcome["cases"] for outcome in results if outcome["rig"] == "apart")
     assert case["case"].endswith("and LiDAR 3")
     assert case["x"] is None
     assert case["value"] < 0.2

@@ -11,7 +11,7 @@ OWN = {"convention": "carla", "mounts": [{"x": 0.1, "z": 2.0, "yaw_deg": 12.5, "
 
 
 @pytest.mark.parametrize(
-    ("lidar", "told"),
+    ("lidar", "expected"),
     [
         ("vlp16", "vlp16"),
         ({"name": "vlp16", "range": 80, "cloud_share": 0.5}, {"name": "vlp16", "range": 80.0}),
@@ -19,13 +19,13 @@ OWN = {"convention": "carla", "mounts": [{"x": 0.1, "z": 2.0, "yaw_deg": 12.5, "
         ({"profile": "released-code"}, {"azimuth_steps": 250}),
     ],
 )
-def test_the_rigs_of_a_sweep_are_the_same_in_the_studio(tmp_path, lidar, told):
-    own = {"placements": {"mine": OWN, "unused": {"mounts": [{"z": 1}]}}, "detector": None}
-    own["grid"] = {"placement": ["mine", "line_roll"]}
-    sweep = read_sweep(write_sweep(tmp_path, lidar=lidar, **own))
+def test_the_rigs_of_a_sweep_are_the_same_in_the_studio(tmp_path, lidar, expected):
+    item = {"placements": {"mine": OWN, "unused": {"mounts": [{"z": 1}]}}, "detector": None}
+    item["grid"] = {"placement": ["mine", "line_roll"]}
+    sweep = read_sweep(write_sweep(tmp_path, lidar=lidar, **item))
     (tmp_path / FILE).write_text(rigs_yaml(sweep))
     file = read_rigs(tmp_path / FILE)
-    assert file.content["lidar"] == told
+    assert file.content["lidar"] == expected
     assert file.content["placements"]["mine"] == OWN
     opened = {rig.name: rig.placement(file.lidar) for rig in file.rigs}
-    assert opened == {own.point.placement: own.rig for own in sweep.points}
+    assert opened == {item.point.placement: item.rig for item in sweep.points}

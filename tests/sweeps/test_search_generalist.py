@@ -30,7 +30,7 @@ def written(folder, **changes):
         if not (folder / name).exists():
             write_small_log(folder / name)
     names = {"search": "trials", "choice": "choice"}
-    traffic = {key: {"scene.test_folder": str(folder / own)} for key, own in names.items()}
+    traffic = {key: {"scene.test_folder": str(folder / log)} for key, log in names.items()}
     settings = {"objective": "generalist", "traffic": traffic, "sampler": "random"}
     search = settings | {"trials": 6, "batch_size": 3} | changes.pop("search", {})
     return write_search(folder, **TINY | changes, search=search)
@@ -70,12 +70,12 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(tmp_p
     assert {p: after.get(p) for p in results} == results
     again = pd.read_parquet(folder / "trials.parquet")
     pd.testing.assert_frame_equal(again.drop(columns="seconds"), table.drop(columns="seconds"))
-    found = SearchFolder.read(folder)
-    assert found.search.baseline is not None
-    assert found.chosen is not None
-    best = [rig for rig in found.search.rigs.values() if rig.role == "found"]
+    run = SearchFolder.read(folder)
+    assert run.search.baseline is not None
+    assert run.chosen is not None
+    best = [rig for rig in run.search.rigs.values() if rig.role == "found"]
     assert len(best) <= 8
-    assert set(found.chosen["rig"]) == set(found.search.rigs)
+    assert set(run.chosen["rig"]) == set(run.search.rigs)
     text = (folder / "search.html").read_text()
     assert "On traffic that the search did not see" in text
     sweep = yaml.safe_load((folder / "sweep.yaml").read_text())
@@ -97,11 +97,11 @@ def test_a_rig_is_worth_its_worst_vehicle_in_its_worst_traffic(tmp_path, monkeyp
     write_small_log(tmp_path / "more", seed=1)
     logs = {"search": ["trials", "more"], "choice": ["choice"]}
     folders = {key: [str(tmp_path / name) for name in names] for key, names in logs.items()}
-    traffic = {k: [{"scene.test_folder": own} for own in each] for k, each in folders.items()}
+    traffic = {k: [{"scene.test_folder": log} for log in each] for k, each in folders.items()}
     settings = {"traffic": traffic, "vehicles": 2, "over": "worst", "trials": 3}
     printed = run_search(written(tmp_path, search=settings))
-    said = "the worst over 2 kinds of traffic with 2 vehicles of a rig"
-    assert f"evaluated by {said}" in " ".join(printed.split())
+    description = "the worst over 2 kinds of traffic with 2 vehicles of a rig"
+    assert f"evaluated by {description}" in " ".join(printed.split())
     assert len(list((tmp_path / "runs/store").glob("pretrain/*"))) == 1
     off = MountingErrors(0.01, math.radians(0.5))
     at_origin = Placement("origin", [Mount(0, 0, 0)], lidar=Lidar.paper())
@@ -110,7 +110,7 @@ def test_a_rig_is_worth_its_worst_vehicle_in_its_worst_traffic(tmp_path, monkeyp
     trials = folder.trials
     expected = 10 * (trials["lidar_1.z_m"] + lowest) - 3
     np.testing.assert_allclose(trials["value.generalist.recall"], expected, atol=1e-9)
-    assert folder.search.over == said
+    assert folder.search.over == description
     page = (folder.path / "search.html").read_text()
     assert "Each value is the worst over 2 vehicles of a rig." in page
 
@@ -121,10 +121,10 @@ def test_several_objectives_and_the_price_make_a_front(tmp_path):
     models = {"small": {"beams": 4, "azimuth_steps": 180, "price": 2}}
     search = {"lidars": [1, 2], "objective": names, "models": models, "trials": 3}
     run_search(written(tmp_path, search=search))
-    found = SearchFolder.read(tmp_path / "runs/small")
-    assert [own.name for own in found.search.objectives] == names
-    measured = found.trials[[f"value.{name}" for name in names]]
-    assert measured[found.trials["feasible"]].notna().all(axis=None)
+    run = SearchFolder.read(tmp_path / "runs/small")
+    assert [objective.name for objective in run.search.objectives] == names
+    measured = run.trials[[f"value.{name}" for name in names]]
+    assert measured[run.trials["feasible"]].notna().all(axis=None)
 
 
 def test_training_rigs_are_of_the_space_and_of_every_number(tmp_path):
@@ -180,7 +180,9 @@ def test_the_generalist_is_the_same_in_all_traffic_and_every_rig_is_off_alike(tm
         clouds = [next(t for t in r.evaluate.inputs if t.stage.name == "collect") for r in of_seed]
         assert {t.inputs[0].stage.recording.scene.density for t in clouds} == {40}
         mounts = [t.stage.placement.mounts for t in clouds]
-        shifts.append([[error(*pair) for pair in zip(own, exact, strict=True)] for own in mounts])
+        shifts.append(
+            [[error(*pair) for pair in zip(drawn, exact, strict=True)] for drawn in mounts]
+        )
     shifts = np.array(shifts)
     assert np.ptp(shifts, axis=0).max() < 1e-12
     first, second = shifts[0]
@@ -195,22 +197,22 @@ def test_rigs_beyond_what_the_generalist_has_seen_are_told(tmp_path):
     drawn = problem.training_rigs["generalist_1"]
     assert not [text for text in rig_warnings({"own": drawn}, problem) if "outside" in text]
     four = problem.paper_rigs()["pyramid_pitch"]
-    (told,) = [text for text in rig_warnings({"four": four}, problem) if "outside" in text]
-    assert told.startswith("four is outside of the rigs that the generalist has seen: ")
-    assert "pitch by " in told
-    assert told.endswith(" deg, 4 LiDARs, not 2 to 2.")
+    (warning,) = [text for text in rig_warnings({"four": four}, problem) if "outside" in text]
+    assert warning.startswith("four is outside of the rigs that the generalist has seen: ")
+    assert "pitch by " in warning
+    assert warning.endswith(" deg, 4 LiDARs, not 2 to 2.")
     surrogate = read_problem(write_search(tmp_path))
     assert not [text for text in rig_warnings({"four": four}, surrogate) if "outside" in text]
 
 
 def test_a_dry_run_tells_of_a_rig_beyond_those_that_are_named(tmp_path):
     mounts = {name: [{"x": 0, "y": y, "z": z} for y in (-0.5, 0.5)] for name, z in PLACES.items()}
-    own = {name: {"mounts": mount} for name, mount in mounts.items()}
-    changes = {"placements": own, "generalist": {"rigs": ["low", "middle"]}}
+    placements = {name: {"mounts": mount} for name, mount in mounts.items()}
+    changes = {"placements": placements, "generalist": {"rigs": ["low", "middle"]}}
     path = written(tmp_path, search={"start": ["high"]}, **changes)
-    told = " ".join(run_search(path, "--dry-run").split())
-    said = "high is outside of the rigs that the generalist has seen: z by 0.15 m."
-    assert said in told
+    output = " ".join(run_search(path, "--dry-run").split())
+    warning = "high is outside of the rigs that the generalist has seen: z by 0.15 m."
+    assert warning in output
 
 
 PLACES = {"low": 1.8, "middle": 2.0, "high": 2.15}

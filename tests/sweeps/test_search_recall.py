@@ -28,17 +28,17 @@ def objects_of(folder):
 
 def test_a_search_by_expected_recall(tmp_path):
     search = {"objective": "expected_recall", "trials": 6}
-    run, said = searched(tmp_path, search=search, robustness={"draws": 2}, lidar=LIDAR)
-    said = " ".join(said.split())
-    assert "expected_recall: 12 objects that count, in 3 of 3 training frames" in said
-    assert "of 27 candidate mounts" in said
-    assert "upper bound" in said
-    assert "azimuth steps" not in said
+    run, output = searched(tmp_path, search=search, robustness={"draws": 2}, lidar=LIDAR)
+    output = " ".join(output.split())
+    assert "expected_recall: 12 objects that count, in 3 of 3 training frames" in output
+    assert "of 27 candidate mounts" in output
+    assert "upper bound" in output
+    assert "azimuth steps" not in output
     value = run.search.rigs["found_1"].values["expected_recall"]
     problem = read_problem(tmp_path / "small.yaml")
     rig = read_placement(run.path / "placement.yaml", problem.file.lidar.lidar())
-    found = objects_of(tmp_path).of(rig).loc["Car", "expected_recall"]
-    assert value == pytest.approx(found, rel=1e-9)
+    recall = objects_of(tmp_path).of(rig).loc["Car", "expected_recall"]
+    assert value == pytest.approx(recall, rel=1e-9)
     bound, table = run.search.bound, run.robustness
     assert bound.greedy <= bound.value <= bound.by_gains
     assert value >= bound.greedy * (1 - 1e-9)  # the first trial is greedy's rig, refined
@@ -54,8 +54,8 @@ def test_a_front_of_expected_recall_price_and_a_surrogate_of_the_pog(tmp_path):
     }
     objective = ["expected_recall.Car", "price", "covered_entropy"]
     search = {"objective": objective, "models": models, "sampler": "nsga2", "trials": 6}
-    run, said = searched(tmp_path, search=search, robustness=None, lidar=LIDAR)
-    assert "no bound: several objectives" in said
+    run, output = searched(tmp_path, search=search, robustness=None, lidar=LIDAR)
+    assert "no bound: several objectives" in output
     values = run.trials[[f"value.{name}" for name in objective]]
     assert values.notna().all().all()
     assert values["value.expected_recall.Car"].between(0, 1).all()
@@ -65,9 +65,9 @@ def test_a_front_of_expected_recall_price_and_a_surrogate_of_the_pog(tmp_path):
 def test_a_class_without_objects_is_told_in_one_line(tmp_path):
     search = {"objective": "expected_recall"}
     path = write_search(tmp_path, classes=["Car", "Cyclist"], search=search)
-    said = run_search(path, codes=(1,))
-    assert "expected_recall: no Cyclist counts in the training frames" in said
-    assert "Traceback" not in said
+    output = run_search(path, codes=(1,))
+    assert "expected_recall: no Cyclist counts in the training frames" in output
+    assert "Traceback" not in output
 
 
 def test_curves_make_another_search(tmp_path):
@@ -76,20 +76,20 @@ def test_curves_make_another_search(tmp_path):
     assert why_none(read_problem(path)) is None
     first = read_problem(path).key
     assert first != read_problem(write_search(tmp_path)).key
-    own = DetectionCurve.model_validate({"class": "Car", "iou": 0.5, "most": 0.5, "rate": 0.1})
-    write_curves(tmp_path / "curves.json", "by hand", [own])
+    curve = DetectionCurve.model_validate({"class": "Car", "iou": 0.5, "most": 0.5, "rate": 0.1})
+    write_curves(tmp_path / "curves.json", "by hand", [curve])
     surrogate = {"resolution": 0.8, "names": ["m_sog"], "curves": str(tmp_path / "curves.json")}
     mine = read_problem(write_search(tmp_path, search=search, surrogate=surrogate)).key
     assert mine != first
-    write_curves(tmp_path / "curves.json", "by hand", [own.model_copy(update={"most": 0.6})])
+    write_curves(tmp_path / "curves.json", "by hand", [curve.model_copy(update={"most": 0.6})])
     assert read_problem(write_search(tmp_path, search=search, surrogate=surrogate)).key != mine
 
 
 @pytest.mark.parametrize(
-    ("objective", "said"),
+    ("objective", "expected"),
     [("expected_recall.Car", "trials know it"), ("expected_ig", "so do trials")],
 )
-def test_it_is_said_that_greedy_choice_looks_at_lidars_one_by_one(tmp_path, objective, said):
+def test_it_is_said_that_greedy_choice_looks_at_lidars_one_by_one(tmp_path, objective, expected):
     models = {"sized": {"name": "vlp16"}, "unknown": {"beams": 4}}
     cases = [(["sized", "unknown"], 2, True), (["unknown"], 2, False), (["sized"], 1, False)]
     for names, lidars, tells in cases:
@@ -97,15 +97,15 @@ def test_it_is_said_that_greedy_choice_looks_at_lidars_one_by_one(tmp_path, obje
         search["models"] = {name: models[name] for name in names}
         path = write_search(tmp_path, search=search)
         for options in ([], ["--json"]):
-            told = " ".join(run_search(path, "--dry-run", *options).split())
-            assert ("neglect that LiDARs hide each other by their size" in told) == tells
-            assert (said in told) == tells
+            output = " ".join(run_search(path, "--dry-run", *options).split())
+            assert ("neglect that LiDARs hide each other by their size" in output) == tells
+            assert (expected in output) == tells
     # The page has as cautions what this tells.
     search["greedy"], search["lidars"] = None, 2
     assert greedy_warnings(read_problem(write_search(tmp_path, search=search))) == []
     search["greedy"] = {"position_step": 0.5}
     (line,) = greedy_warnings(read_problem(write_search(tmp_path, search=search)))
-    assert said in line
+    assert expected in line
 
 
 SIZED = {"name": "vlp16", "azimuth_steps": 900, "size_mm": [400, 400, 400]}
@@ -119,26 +119,26 @@ def test_a_dead_lidar_still_hides_in_recall_and_in_clouds(tmp_path):
     problem = read_problem(write_search(tmp_path, search=search, lidar="vlp16"))
     objects = objects_of(tmp_path)
     lidar = problem.models["sized"]
-    mounts = [own.mount for own in BEHIND]
+    mounts = [item.mount for item in BEHIND]
     by_hand, gone = [], []
     for number in range(3):
         left = [*mounts[:number], *mounts[number + 1 :]]
         whole = Placement("whole", mounts, lidar)
         # Each LiDAR as it is cast in the whole rig, and then without the dead one's part.
-        own = [lidar for n, lidar in enumerate(objects.objects.in_rig(whole)) if n != number]
-        seen = reduce(SurfaceCells.and_, objects.objects.cells_of(own))
+        item = [lidar for n, lidar in enumerate(objects.objects.in_rig(whole)) if n != number]
+        seen = reduce(SurfaceCells.and_, objects.objects.cells_of(item))
         by_hand.append(float(objects.recall(seen).loc["Car", "expected_recall"]))
-        found = objects.of(Placement("left", left, lidar))
-        gone.append(float(found.loc["Car", "expected_recall"]))
+        values = objects.of(Placement("left", left, lidar))
+        gone.append(float(values.loc["Car", "expected_recall"]))
     assert min(by_hand) < min(gone)
     failing = list(_cases(BEHIND, problem.file.robustness, 0))[-3:]
     assert [case for case, _ in failing] == [f"LiDAR {n} fails" for n in (1, 2, 3)]
     traffic = Traffic({"Car": None}, objects)
-    found = [assess(rig, problem.criteria, traffic).values for _, (rig,) in failing]
-    assert [own["expected_recall.Car"] for own in found] == pytest.approx(by_hand, rel=1e-12)
+    values = [assess(rig, problem.criteria, traffic).values for _, (rig,) in failing]
+    assert [item["expected_recall.Car"] for item in values] == pytest.approx(by_hand, rel=1e-12)
     # A generalist gets clouds of the same: the dead LiDAR is part of the placement.
     settings = problem.placement_settings(failing[1][1][0])
     rig = settings.placement("dead", problem.models["lidar"])
     assert rig.mounts == (mounts[0], mounts[2])
     assert rig.dead == ((mounts[1], lidar),)
-    assert [(own > 0).any() for own in ends_in_rig(rig)] == [True, True]
+    assert [(item > 0).any() for item in ends_in_rig(rig)] == [True, True]

@@ -61,12 +61,14 @@ def test_a_requirement_is_a_constraint_and_its_margin_an_objective(tmp_path):
     outcomes = check_requirements(carrier.requirements, rig, carrier.vehicle)
     seen = [outcome.worst.value for outcome in outcomes]
     assert min(seen) > 0
-    found = assess(RIG, bounded.criteria, Traffic({}, None))
-    assert found.violations["requirement.somebody around"] == pytest.approx(4 - seen[0])
-    assert found.violations["requirement.the ground on the left"] == pytest.approx(0.3 - seen[1])
+    assessment = assess(RIG, bounded.criteria, Traffic({}, None))
+    assert assessment.violations["requirement.somebody around"] == pytest.approx(4 - seen[0])
+    assert assessment.violations["requirement.the ground on the left"] == pytest.approx(
+        0.3 - seen[1]
+    )
     free = assess(RIG, margin.criteria, Traffic({}, None))
     assert free.values["margin"] == pytest.approx(min(seen[0] / 4, seen[1] / 0.3))
-    assert free.violations == found.violations
+    assert free.violations == assessment.violations
 
 
 HIDDEN = {"name": "a child behind", "where": "un_r158", "at_least": {"points": 10}}
@@ -88,27 +90,31 @@ def test_a_requirement_that_no_rig_meets(tmp_path, objective):
     assert 0 < enough.max() < 1
     after = printed[printed.index("trials 6/6") :].splitlines()
     assert after[1] == first
-    said = html.unescape((folder.path / "search.html").read_text(encoding="utf-8"))
-    assert said.index(first) < said.index("Where the LiDARs sit")
-    assert "Feasible" not in said
+    page = html.unescape((folder.path / "search.html").read_text(encoding="utf-8"))
+    assert page.index(first) < page.index("Where the LiDARs sit")
+    assert "Feasible" not in page
     assert folder.search.best == ()
     assert folder.search.feasible == 0
     assert not any(rig.feasible for rig in folder.search.rigs.values())
-    assert not {"placement.yaml", "sweep.yaml"} & {own.name for own in folder.path.iterdir()}
+    assert not {"placement.yaml", "sweep.yaml"} & {file.name for file in folder.path.iterdir()}
 
 
 def test_positions_that_have_enough_break_ties_for_the_sampler(tmp_path):
     models = {"small": "vlp16"}
     problem = problem_of(tmp_path, requirements=[HIDDEN], objective="margin", models=models)
     places = [[Mount(x, y, 2.0) for y in (-0.5, 0.5)] for x in (-0.5, 0.0, 0.5)]
-    rigs = [tuple(MountedLidar("small", "roof", mount) for mount in own) for own in places]
+    rigs = [
+        tuple(MountedLidar("small", "roof", mount) for mount in assessment) for assessment in places
+    ]
     name = "requirement.a child behind"
-    found = [assess(rig, problem.criteria, Traffic({}, None)) for rig in rigs]
-    assert {(own.violations[name], own.values["margin"]) for own in found} == {(10.0, 0.0)}
-    enough = [own.measures[f"enough.{name}"] for own in found]
-    told = [own.sampler_violations[name] for own in found]
+    assessments = [assess(rig, problem.criteria, Traffic({}, None)) for rig in rigs]
+    assert {
+        (assessment.violations[name], assessment.values["margin"]) for assessment in assessments
+    } == {(10.0, 0.0)}
+    enough = [assessment.measures[f"enough.{name}"] for assessment in assessments]
+    violations = [assessment.sampler_violations[name] for assessment in assessments]
     assert len(set(enough)) == 3
-    assert np.argsort(told).tolist() == np.argsort(enough)[::-1].tolist()
+    assert np.argsort(violations).tolist() == np.argsort(enough)[::-1].tolist()
 
 
 @given(st.floats(0.01, 1000), st.floats(0, 1000), st.floats(0, 1), st.booleans())
@@ -118,8 +124,8 @@ def test_what_the_sampler_is_told_is_positive_where_a_constraint_is_broken(
     constraint = Constraint("any", "", limit, at_least)
     violation = constraint.violation(measure)
     assert (constraint.sampler_violation(violation, enough) <= 0) == (violation <= 0)
-    kept = measure >= limit if at_least else measure <= limit
-    assert kept or violation > 0 or abs(measure - limit) < ROUNDING
+    is_kept = measure >= limit if at_least else measure <= limit
+    assert is_kept or violation > 0 or abs(measure - limit) < ROUNDING
     # What is at the limit but for rounding, as 0.6 - 0.4 is at 0.2, is at it.
     for off in (-ROUNDING / 2, ROUNDING / 2):
         assert constraint.violation(limit + off) == 0
@@ -139,7 +145,7 @@ def test_rigs_that_are_found_meet_all_requirements(tmp_path):
     outcomes = problem.criteria.carrier.requirement_results(rig)
     assert all(outcome.met for outcome in outcomes)
     cases = folder.requirements[folder.requirements["rig"] == folder.search.best[0]]
-    assert cases["value"].tolist() == [f.value for own in outcomes for f in own.cases]
+    assert cases["value"].tolist() == [f.value for result in outcomes for f in result.cases]
     assert cases["met"].all()
     ground = folder.grounds.under(folder.search.best[0], LEFT["name"])
     assert np.nanmin(ground.least) == outcomes[1].least_of.min()
@@ -157,9 +163,9 @@ def test_the_power_of_a_rig_is_that_of_its_models(tmp_path):
     criteria = problem_of(tmp_path, models=models, **limits).criteria
     for name, watts in {"own": 3.5, "bought": 8.0, "hot": 9.0}.items():
         rig = tuple(MountedLidar(name, "roof", choice.mount) for choice in RIG)
-        found = assess(rig, criteria, Traffic({}, None))
-        assert found.values == {"power": 2 * watts}
-        assert found.violations["power"] == 2 * watts - 15
+        assessment = assess(rig, criteria, Traffic({}, None))
+        assert assessment.values == {"power": 2 * watts}
+        assert assessment.violations["power"] == 2 * watts - 15
     assert criteria.objectives[0].best == "minimize"
 
 
@@ -177,21 +183,23 @@ def test_pairs_of_lidars_as_constraints(tmp_path):
     limits = {"common_view": {"pairs": "all", "share": 0.999}, "facing": 0}
     problem = problem_of(tmp_path, constraints=limits, requirements=[], objective="price")
     carrier = problem.criteria.carrier
-    found = assess(RIG, problem.criteria, Traffic({}, None))
+    assessment = assess(RIG, problem.criteria, Traffic({}, None))
     rig = placement_of(RIG, problem.models)
-    asked = CommonView("all", 0.999, 20.0)
-    (share,) = common_view(rig, carrier.vehicle, asked).values()
-    assert found.measures["common_view"] == share
-    assert found.violations["common_view"] == pytest.approx(0.999 - share)
-    assert found.violations["facing"] == len(facing_pairs(rig, carrier.vehicle)) == 1
-    level = tuple(replace(own, mount=replace(own.mount, roll=0.0)) for own in RIG)
+    view = CommonView("all", 0.999, 20.0)
+    (share,) = common_view(rig, carrier.vehicle, view).values()
+    assert assessment.measures["common_view"] == share
+    assert assessment.violations["common_view"] == pytest.approx(0.999 - share)
+    assert assessment.violations["facing"] == len(facing_pairs(rig, carrier.vehicle)) == 1
+    level = tuple(replace(lidar, mount=replace(lidar.mount, roll=0.0)) for lidar in RIG)
     assert assess(level, problem.criteria, Traffic({}, None)).measures["facing"] == 1
     apart = (level[0], replace(level[1], mount=replace(level[1].mount, z=2.5)))
-    keys = [problem_of(tmp_path, constraints=own).key for own in (limits, {}, {"facing": 0})]
+    keys = [problem_of(tmp_path, constraints=lidar).key for lidar in (limits, {}, {"facing": 0})]
     assert len(set(keys)) == 3
     assert assess(apart, problem.criteria, Traffic({}, None)).violations["facing"] == 0
-    assert any("look into each other" in said for said in rig_warnings({"level": level}, problem))
-    assert not any("each other" in said for said in rig_warnings({"apart": apart}, problem))
+    assert any(
+        "look into each other" in warning for warning in rig_warnings({"level": level}, problem)
+    )
+    assert not any("each other" in warning for warning in rig_warnings({"apart": apart}, problem))
 
 
 def test_cameras_and_radars_that_every_rig_has(tmp_path):
@@ -205,17 +213,17 @@ def test_cameras_and_radars_that_every_rig_has(tmp_path):
     limits = {"constraints": {"price": 10, "common_view": {"pairs": "all", "share": 0.05}}}
     changes = {"requirements": [both], "objective": ["margin", "price"], **limits}
     with_them = problem_of(tmp_path, **changes, cameras=[camera], radars=[radar])
-    found = assess(RIG, with_them.criteria, Traffic({}, None))
+    assessment = assess(RIG, with_them.criteria, Traffic({}, None))
     alone = assess(RIG, problem_of(tmp_path, **changes).criteria, Traffic({}, None))
     name = "requirement.somebody around"
-    assert found.measures[name] > 0 == alone.measures[name]
-    assert found.values["price"] == alone.values["price"] + 9
-    own = {"small": {"name": "vlp16", "price": 4}}
-    priced = problem_of(tmp_path, **changes, models=own, zones={"roof": ROOF | {"price": 3}})
+    assert assessment.measures[name] > 0 == alone.measures[name]
+    assert assessment.values["price"] == alone.values["price"] + 9
+    models = {"small": {"name": "vlp16", "price": 4}}
+    priced = problem_of(tmp_path, **changes, models=models, zones={"roof": ROOF | {"price": 3}})
     rig = tuple(replace(lidar, model="small") for lidar in RIG)
     assert priced.criteria.carrier.total_of("price", rig) == 2 * (4 + 3)
-    assert found.measures["common_view"] < alone.measures["common_view"]
-    assert any("make no clouds" in said for said in warnings_of(with_them))
+    assert assessment.measures["common_view"] < alone.measures["common_view"]
+    assert any("make no clouds" in warning for warning in warnings_of(with_them))
     assert with_them.key != problem_of(tmp_path, **changes).key
     found_rig = as_plain(with_them.placement_settings(RIG))
     again = SweptPlacementSettings.model_validate(found_rig)

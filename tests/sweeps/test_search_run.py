@@ -88,7 +88,7 @@ def test_mlflow_has_a_run_for_every_trial(run):
     client = connect(run.search.tracking_uri)
     experiment = client.get_experiment_by_name("small")
     runs = client.search_runs([experiment.experiment_id], max_results=100)
-    by_name = {own.data.tags["mlflow.runName"]: own.data for own in runs}
+    by_name = {entry.data.tags["mlflow.runName"]: entry.data for entry in runs}
     assert by_name.keys() >= {"small", *(f"trial {n}" for n in range(12))}
     one = by_name["trial 3"]
     value = run.trials.loc[3, "value.expected_ig"]
@@ -103,24 +103,24 @@ def test_mlflow_has_a_run_for_every_trial(run):
 
 
 def test_robustness_has_a_row_a_case(run):
-    own = run.robustness[run.robustness["rig"] == "found_1"].set_index("case")
-    assert list(own.index) == ["as designed", "mounts off", "LiDAR 1 fails", "LiDAR 2 fails"]
-    assert own.loc["as designed", "share"] == 1
-    assert own.loc["mounts off", "draws"] == 3
-    assert (own.loc[["LiDAR 1 fails", "LiDAR 2 fails"], "share"] < 1).all()
+    cases = run.robustness[run.robustness["rig"] == "found_1"].set_index("case")
+    assert list(cases.index) == ["as designed", "mounts off", "LiDAR 1 fails", "LiDAR 2 fails"]
+    assert cases.loc["as designed", "share"] == 1
+    assert cases.loc["mounts off", "draws"] == 3
+    assert (cases.loc[["LiDAR 1 fails", "LiDAR 2 fails"], "share"] < 1).all()
 
 
 def test_a_search_begins_with_the_rig_that_one_has(tmp_path):
     mounts = [{"x": 0.1, "y": 0.2, "z": 2.0, "roll": 0.1}, {"x": -0.3, "z": 1.9}]
     options = {"start": ["mine"], "greedy": {"position_step": 0.5, "warm_start": False}}
-    own = {"mine": {"mounts": mounts}}
-    run, said = searched(tmp_path, placements=own, search=options | {"trials": 4})
-    told = said.splitlines()
-    begins = told.index("greedy choice, then its upper bound, up to 30 s more …")
-    assert told[begins + 1].startswith("greedy choice from "), "before a minute of silence"
+    placements = {"mine": {"mounts": mounts}}
+    run, output = searched(tmp_path, placements=placements, search=options | {"trials": 4})
+    lines = output.splitlines()
+    begins = lines.index("greedy choice, then its upper bound, up to 30 s more …")
+    assert lines[begins + 1].startswith("greedy choice from "), "before a minute of silence"
     first = run.trials.loc[0]
-    found = {(first[f"lidar_{i}.x_m"], first[f"lidar_{i}.y_m"]) for i in (1, 2)}
-    assert found == {(0.1, 0.2), (-0.3, 0.0)}
+    positions = {(first[f"lidar_{i}.x_m"], first[f"lidar_{i}.y_m"]) for i in (1, 2)}
+    assert positions == {(0.1, 0.2), (-0.3, 0.0)}
     refined = run.search.rigs["refined"].values["expected_ig"]
     assert refined >= first["value.expected_ig"]
 
@@ -134,8 +134,8 @@ def test_more_trials_go_on_where_it_stopped(folder):
 
 
 def test_s_mig_comes_with_a_warning(tmp_path):
-    said = run_search(write_search(tmp_path, search={"objective": "s_mig"}), "--dry-run")
-    assert "highest for a placement that sees nothing" in " ".join(said.split())
+    output = run_search(write_search(tmp_path, search={"objective": "s_mig"}), "--dry-run")
+    assert "highest for a placement that sees nothing" in " ".join(output.split())
 
 
 def test_no_feasible_placement_and_nothing_of_an_earlier_search(tmp_path):
@@ -144,11 +144,11 @@ def test_no_feasible_placement_and_nothing_of_an_earlier_search(tmp_path):
     run = tmp_path / "runs/small"
     (run / "verified.parquet").touch()
     limits = {"constraints": {"distance": 5.0, "body_share": 0.9}, "greedy": None, "trials": 4}
-    found, said = searched(tmp_path, code=1, search=limits)
-    assert "No rig keeps all constraints" in said
+    found, output = searched(tmp_path, code=1, search=limits)
+    assert "No rig keeps all constraints" in output
     least = found.trials["violation.distance"].min()
     never = f"No trial at all kept distance, which the best of them broke by {least:.4g} m."
-    assert never in said
+    assert never in output
     left = {path.name for path in run.iterdir()}
     assert left >= {"search.json", "search.html", "trials.parquet", "config.yaml", "optuna.journal"}
     assert not left & {
@@ -160,14 +160,14 @@ def test_no_feasible_placement_and_nothing_of_an_earlier_search(tmp_path):
 def test_two_lidars_in_one_place(tmp_path):
     point = {"point": {"x": 0, "y": 0, "z": 2}}
     options = {"zones": point, "roll_deg": 0, "constraints": {"distance": 0}, "greedy": None}
-    _, said = searched(tmp_path, code=1, search=options | {"trials": 4})
-    assert "All 4 trials put two LiDARs in one place." in said
+    _, output = searched(tmp_path, code=1, search=options | {"trials": 4})
+    assert "All 4 trials put two LiDARs in one place." in output
 
 
 def test_an_objective_that_is_undefined(tmp_path):
     options = {"objective": "m_sog", "zones": AWAY, "trials": 2, "batch_size": 2}
-    run, said = searched(tmp_path, code=1, search=options, lidar=SHORT)
-    assert "trial 0 failed: an objective is undefined" in said
+    run, output = searched(tmp_path, code=1, search=options, lidar=SHORT)
+    assert "trial 0 failed: an objective is undefined" in output
     assert (run.trials["state"] == "FAIL").all()
 
 
@@ -198,24 +198,25 @@ def test_several_objectives_with_prices(tmp_path):
     assert table.loc[table["feasible"], "value.price"].max() <= 21
     assert table["lidars"].nunique() == 3
     values = [run.search.rigs[name].values for name in run.search.best]
-    front = [(own["covered_entropy"], own["price"]) for own in values]
+    front = [(prices["covered_entropy"], prices["price"]) for prices in values]
     assert len(front) > 1
     for gain, price in front:
         assert not any(g >= gain and p <= price and (g, p) != (gain, price) for g, p in front)
     config = yaml.safe_load((run.path / "sweep.yaml").read_text())
-    own = [{k: v for k, v in model.items() if k != "price"} for model in models.values()]
-    assert config["placements"]["found_1"]["mounts"][0]["lidar"] in own
+    prices = [{k: v for k, v in model.items() if k != "price"} for model in models.values()]
+    assert config["placements"]["found_1"]["mounts"][0]["lidar"] in prices
     read_sweep(run.path / "sweep.yaml")
 
 
 @pytest.mark.parametrize(
-    "sampler", ["tpe", *(pytest.param(own, marks=pytest.mark.long) for own in ("qmc", "nsga2"))]
+    "sampler",
+    ["tpe", *(pytest.param(settings, marks=pytest.mark.long) for settings in ("qmc", "nsga2"))],
 )
 def test_the_outcome_does_not_depend_on_stops(tmp_path, monkeypatch, sampler):
     """A search that is killed while it asks, answers or tells ends as one that is not."""
-    own = {"sampler": sampler, "greedy": None}
-    searched(tmp_path, name="w", search=own)
-    path = write_search(tmp_path, name="c", search=own)
+    settings = {"sampler": sampler, "greedy": None}
+    searched(tmp_path, name="w", search=settings)
+    path = write_search(tmp_path, name="c", search=settings)
     journal = optuna.storages.journal.JournalFileBackend
     write = journal.append_logs
     for stop_after in (3, 20, 41, 57, 90, 200):
@@ -247,9 +248,9 @@ class Elsewhere(InProcess):
     def share(self, value):
         return pickle.loads(pickle.dumps(value))
 
-    def submit(self, function, *arguments, **how):
-        own, number = pickle.loads(pickle.dumps(arguments)), len(self.jobs)
-        self.jobs.append(cache(lambda: function(*own)))
+    def submit(self, function, *arguments, **options):
+        copy, number = pickle.loads(pickle.dumps(arguments)), len(self.jobs)
+        self.jobs.append(cache(lambda: function(*copy)))
 
         def result():
             for job in self.jobs[:number:-1]:
@@ -269,9 +270,9 @@ def test_the_outcome_does_not_depend_on_workers(folder, tmp_path, monkeypatch, r
 
 def test_a_killed_process(tmp_path):
     """SIGKILL, at a moment when trials are there and others are not."""
-    own = {"greedy": None}
-    searched(tmp_path, name="w", search=own)
-    path = write_search(tmp_path, name="k", search=own)
+    settings = {"greedy": None}
+    searched(tmp_path, name="w", search=settings)
+    path = write_search(tmp_path, name="k", search=settings)
     process = Forked(["search", str(path)], ROOT, tmp_path / "log.txt")
     journal = journal_path(tmp_path / "runs/k")
     give_up = time.monotonic() + GUARD_S

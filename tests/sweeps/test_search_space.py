@@ -24,7 +24,7 @@ NOSE = {"x": [2.1, 2.3], "y": [-0.5, 0.5], "z": 0.6}
 
 def space_of(models=("lidar",), fixed=(), **changes) -> Space:
     values = {"zones": {"roof": ROOF}, "roll_deg": [-20, 20], "yaw_deg": [-90, 90]} | changes
-    values["zones"] = {name: {"standoff": None} | own for name, own in values["zones"].items()}
+    values["zones"] = {name: {"standoff": None} | zone for name, zone in values["zones"].items()}
     return Space(SearchSettings.model_validate(values), models, fixed)
 
 
@@ -42,11 +42,14 @@ def test_families_are_rigs_of_the_space(seed, number, symmetric):
     space = space_of(models=("a", "b"), symmetric=symmetric, **changes)
     models = dict.fromkeys(("a", "b"), Lidar.paper())
     params = family_params(space, models, 24, seed)
-    for own in params:
-        known = space.distributions(space.counts_per_zone(own))
-        assert own.keys() - space.count_ranges.keys() == known.keys()
-        assert all(known[key]._contains(known[key].to_internal_repr(own[key])) for key in known)
-    sizes = [len(space.rig(own)) for own in params]
+    for parameters in params:
+        distributions = space.distributions(space.counts_per_zone(parameters))
+        assert parameters.keys() - space.count_ranges.keys() == distributions.keys()
+        assert all(
+            distributions[key]._contains(distributions[key].to_internal_repr(parameters[key]))
+            for key in distributions
+        )
+    sizes = [len(space.rig(parameters)) for parameters in params]
     assert set(sizes) == set(range(1, number + 1))
     assert family_params(space, models, 12, seed) == params[:12], "more continue fewer"
 
@@ -54,13 +57,13 @@ def test_families_are_rigs_of_the_space(seed, number, symmetric):
 def test_families_interleave_rings_and_roll_outwards():
     zone = {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [2.0, 3.0]}
     space = space_of(zones={"roof": zone}, lidars=4, pitch_deg=[-9, 9])
-    rigs = [space.rig(own) for own in family_params(space, {"lidar": Lidar.paper()}, 64, 0)]
-    pitches = [sorted(math.degrees(own.mount.pitch) for own in rig) for rig in rigs]
+    rigs = [space.rig(lidar) for lidar in family_params(space, {"lidar": Lidar.paper()}, 64, 0)]
+    pitches = [sorted(math.degrees(lidar.mount.pitch) for lidar in rig) for rig in rigs]
     steps = np.diff(pitches)
     assert np.ptp(steps, axis=1).max() < 0.02, "the same step between all"
     assert {round(step, 2) for step in steps.mean(axis=1)} == {0.0, 0.25, 0.5, 1.0, 2.0}
     for rig in rigs:
-        sides = {np.sign(own.mount.y) * round(math.degrees(own.mount.roll)) for own in rig}
+        sides = {np.sign(lidar.mount.y) * round(math.degrees(lidar.mount.roll)) for lidar in rig}
         assert len(sides - {0.0}) <= 1, "left and right alike"
 
 
@@ -164,19 +167,21 @@ def cornered(**changes) -> Space:
 def test_zones_have_their_own_numbers_models_and_angles(seed):
     space = cornered()
     rig, params = random_rig(space, seed)
-    by_zone = {name: [own for own in rig if own.zone == name] for name in CORNERS}
+    by_zone = {name: [lidar for lidar in rig if lidar.zone == name] for name in CORNERS}
     assert 1 <= len(by_zone["roof"]) <= 2
-    assert {own.model for own in by_zone["roof"]} == {"spinning"}
-    assert all(0 <= own.mount.pitch <= math.radians(5) + 1e-4 for own in by_zone["roof"])
-    right, left = sorted(by_zone["corner"], key=lambda own: own.mount.y)
+    assert {lidar.model for lidar in by_zone["roof"]} == {"spinning"}
+    assert all(0 <= lidar.mount.pitch <= math.radians(5) + 1e-4 for lidar in by_zone["roof"])
+    right, left = sorted(by_zone["corner"], key=lambda lidar: lidar.mount.y)
     assert left.model == right.model != "spinning"
     assert mirrored(left.mount) == right.mount
     off = math.remainder(left.mount.yaw - math.radians(135), math.tau)
     assert abs(off) <= math.radians(60) + 1e-4
-    assert all(abs(own.mount.yaw) == pytest.approx(math.pi, abs=1e-4) for own in by_zone["tail"])
+    assert all(
+        abs(lidar.mount.yaw) == pytest.approx(math.pi, abs=1e-4) for lidar in by_zone["tail"]
+    )
     assert space.numbers == (3, 5)
     assert space.rig(params) == rig
-    placed = assign_to_slots(space, [MountedLidar(own.model, "", own.mount) for own in rig])
+    placed = assign_to_slots(space, [MountedLidar(lidar.model, "", lidar.mount) for lidar in rig])
     assert rig_of(placed, space) == rig
     again = space.rig(space.params(placed))
     for one, other in zip(again, rig, strict=True):
@@ -191,7 +196,7 @@ def test_a_heading_is_the_same_after_a_full_turn():
     lidars = [MountedLidar("", "", mount) for mount in (roof, corner, mirrored(corner))]
     placed = assign_to_slots(space, lidars)
     assert [place.lidar.model for place in placed] == ["spinning", "flash"]
-    mounts = {own.mount for own in space.rig(space.params(placed)) if own.zone == "corner"}
+    mounts = {lidar.mount for lidar in space.rig(space.params(placed)) if lidar.zone == "corner"}
     assert {round(math.degrees(mount.yaw)) for mount in mounts} == {-170, 170}
 
 

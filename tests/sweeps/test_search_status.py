@@ -25,18 +25,18 @@ from tests.sweeps.toy import call
 class Answers(SurrogateEvaluator):
     """Trial 2 keeps no constraint, trial 3 fails, the others are worth their number."""
 
-    asked = ()
+    begun = ()
 
     def begin(self, trial, candidate):
-        self.asked = [*self.asked, trial]
+        self.begun = [*self.begun, trial]
 
     def finish(self):
-        for trial in self.asked:
+        for trial in self.begun:
             n = trial.number
-            found = Assessment(None if n == 2 else {"expected_ig": float(n)}, {}, {}, {}, 0.1)
+            assessment = Assessment(None if n == 2 else {"expected_ig": float(n)}, {}, {}, {}, 0.1)
             values = None if n in (2, 3) else [float(n)]
-            tell(self.study, trial, found, values, "out of memory" if n == 3 else None)
-        self.asked = ()
+            tell(self.study, trial, assessment, values, "out of memory" if n == 3 else None)
+        self.begun = ()
 
 
 @pytest.fixture
@@ -61,9 +61,9 @@ def told(path, *options):
 
 
 def test_nothing_has_begun(path, tmp_path):
-    found = search_state(read_problem(path))
-    assert found.trials == {"wanted": 8, "done": 0, "feasible": 0, "failed": 0}
-    assert (found.alive, found.best, found.failures, found.verify) == (False, [], [], None)
+    search = search_state(read_problem(path))
+    assert search.trials == {"wanted": 8, "done": 0, "feasible": 0, "failed": 0}
+    assert (search.alive, search.best, search.failures, search.verify) == (False, [], [], None)
     assert not (tmp_path / "runs").exists(), "a look leaves no trace"
 
 
@@ -73,14 +73,14 @@ def test_halfway(path, begun):
         file.write(b'{"half a li')  # as a driver that is writing
     before = journal.read_bytes()
     with locked(begun.folder, alone=True):
-        found = json.loads(told(path, "--json"))
+        content = json.loads(told(path, "--json"))
         text = told(path)
     assert journal.read_bytes() == before
     expected = {"kind": "search", "name": "small", "alive": True, "azimuth_stride": 1}
     expected["trials"] = {"wanted": 8, "done": 4, "feasible": 3, "failed": 1}
     expected["best"] = [{"trial": 1, "values": {"expected_ig": 1.0}}]
     expected |= {"failures": [{"trial": 3, "reason": "out of memory"}], "verify": None}
-    assert found == expected
+    assert content == expected
     assert "small: running; 4 of 8 trials done, 3 keep all constraints, 1 failed" in text
     assert "best so far: trial 1: expected_ig 1\n" in text
     assert "trial 3 failed: out of memory" in text
@@ -89,9 +89,9 @@ def test_halfway(path, begun):
 @pytest.mark.parametrize(("objective", "stride"), [("expected_ig", 3), ("covered_entropy", 1)])
 def test_values_of_fewer_rays_are_told_of(path, monkeypatch, objective, stride):
     rays = " (as searched, rays of 1 in 3 azimuth steps)" if stride == 3 else ""
-    found = [SimpleNamespace(number=0, values=[4.0], params={})]
-    monkeypatch.setattr(state, "stored_study", lambda *own: SimpleNamespace(trials=[]))
-    monkeypatch.setattr(state, "best_trials", lambda study, space: found)
+    trials = [SimpleNamespace(number=0, values=[4.0], params={})]
+    monkeypatch.setattr(state, "stored_study", lambda *arguments: SimpleNamespace(trials=[]))
+    monkeypatch.setattr(state, "best_trials", lambda study, space: trials)
     monkeypatch.setattr(state, "finished_trials", lambda study: [])
     options = ("--set", "search.azimuth_stride=3", "--set", f"search.objective={objective}")
     assert f"best so far: trial 0: {objective} 4{rays}\n" in told(path, *options)
@@ -118,9 +118,9 @@ def test_a_damaged_journal_is_one_line(path, begun, line):
     lines = journal_path(begun.folder).read_bytes().splitlines(keepends=True)
     journal_path(begun.folder).write_bytes(line + b"".join(lines))
     for app in (status.app, search_app):
-        done = call(app, path, code=2)
-        assert done.stderr.count("\n") == 1
-        assert "optuna.journal: cannot be read" in done.stderr
+        result = call(app, path, code=2)
+        assert result.stderr.count("\n") == 1
+        assert "optuna.journal: cannot be read" in result.stderr
 
 
 def test_a_file_of_a_sweep_is_none_of_a_search(path, tmp_path):
@@ -134,15 +134,15 @@ def test_a_file_of_a_sweep_is_none_of_a_search(path, tmp_path):
 
 def test_the_store_of_a_search_is_cleaned(path, tmp_path):
     Store(tmp_path / "runs/store").refer("small.search", [])
-    done = call(clean.app, path, "--dry-run", "--json")
+    result = call(clean.app, path, "--dry-run", "--json")
     none = {"count": 0, "bytes": 0}
-    found = {"dry_run": True, "stages": {}, "leftovers": none, "removed": none, "left_bytes": 0}
-    found["sweeps"] = {"small.search": {"refers_to": 0} | none}
-    assert json.loads(done.stdout) == found
+    expected = {"dry_run": True, "stages": {}, "leftovers": none, "removed": none, "left_bytes": 0}
+    expected["sweeps"] = {"small.search": {"refers_to": 0} | none}
+    assert json.loads(result.stdout) == expected
 
 
 def test_the_doctor_reads_a_search(path):
-    assert doctor.asked_of(path).ray == "debug"
+    assert doctor.machine_needs(path).ray == "debug"
     assert doctor.scenes(path).found == "8 trials"
 
 
@@ -150,4 +150,7 @@ def test_the_plan_as_json(path):
     plan = json.loads(call(search_app, path, "--dry-run", "--json").stdout)
     assert (plan["name"], plan["trials"], plan["lidars"]) == ("small", 8, [2, 2])
     assert plan["objectives"] == [{"name": "expected_ig", "best": "maximize"}]
-    assert [own["name"] for own in plan["constraints"]] == ["blind_lidars", "distance"]
+    assert [constraint["name"] for constraint in plan["constraints"]] == [
+        "blind_lidars",
+        "distance",
+    ]

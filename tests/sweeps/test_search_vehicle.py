@@ -78,22 +78,24 @@ def test_a_search_goes_on_from_its_run_folder(tmp_path, monkeypatch, mesh):
 def _compare_with_its_verification(folder, problem):
     """The sweep of a search asks the same requirements of the same rig, on the same vehicle."""
     sweep, plan = read_verification(problem)
-    (laid,) = plan.laid
-    assert laid.requirement == problem.criteria.carrier.requirements[0].requirement
-    np.testing.assert_array_equal(laid.boxes, problem.criteria.carrier.requirements[0].boxes)
+    (results,) = plan.laid
+    assert results.requirement == problem.criteria.carrier.requirements[0].requirement
+    np.testing.assert_array_equal(results.boxes, problem.criteria.carrier.requirements[0].boxes)
     for trial in plan.trials:
         check_mounts(trial.surrogates.stage.placement, trial.grid_point.vehicle)
         assert trial.requirements is not None
         assert len(trial.grid_point.vehicle.mesh.faces) == 12
     own = next(t for t in plan.trials if t.grid_point.point.placement == "found_1")
-    found = SearchFolder.read(folder).search.rigs["found_1"]
-    assert own.requirements.stage.placement.mounts == found.placed
+    rig = SearchFolder.read(folder).search.rigs["found_1"]
+    assert own.requirements.stage.placement.mounts == rig.placed
     others = {t.grid_point.point.placement for t in plan.trials} - {"found_1"}
     assert "line" not in others, "its LiDARs are inside of this vehicle"
-    (told,) = (c.what for c in SearchFolder.read(folder).search.commands if "sweep.yaml" in c.line)
+    (purpose,) = (
+        c.what for c in SearchFolder.read(folder).search.commands if "sweep.yaml" in c.line
+    )
     of_paper = others & set(PAPER_PLACEMENTS)
-    assert f"for {len(of_paper)} of the paper's eight; left out, as they do not fit" in told
-    assert {*told.rpartition(": ")[2].split(", ")} == set(PAPER_PLACEMENTS) - of_paper
+    assert f"for {len(of_paper)} of the paper's eight; left out, as they do not fit" in purpose
+    assert {*purpose.rpartition(": ")[2].split(", ")} == set(PAPER_PLACEMENTS) - of_paper
     assert sweep.common.requirements == problem.file.search.requirements
 
 
@@ -121,7 +123,7 @@ def test_keep_outs_hide_what_is_behind_them_in_clouds_and_recall(tmp_path):
     np.testing.assert_array_equal(counts[0][y < -1.0], counts[1][y < -1.0])
     assert (points[0][:, 1] > 2.5).any()
     assert not (points[1][:, 1] > 2.5).any()
-    right = [own[own[:, 1] < -1.0] for own in points]
+    right = [cloud[cloud[:, 1] < -1.0] for cloud in points]
     np.testing.assert_array_equal(*right)
 
 
@@ -145,16 +147,16 @@ def test_a_search_of_a_vehicle_that_bends(tmp_path):
     assert list(bent.poses) == ["", "trailer at −80°", "trailer at 45°"]
     swept = problem.vehicle.vehicle()
     assert swept.body.angles == bent.body.angles
-    laid = lay_out_requirements(problem.file.search.requirements, swept, default_curves())
-    np.testing.assert_array_equal(laid[0].boxes, problem.criteria.carrier.requirements[0].boxes)
+    layouts = lay_out_requirements(problem.file.search.requirements, swept, default_curves())
+    np.testing.assert_array_equal(layouts[0].boxes, problem.criteria.carrier.requirements[0].boxes)
     assert swept.poses.keys() == bent.poses.keys()
     np.testing.assert_array_equal(swept.boxes, bent.boxes)
     roof = MountedLidar("lidar", "roof", Mount(0.0, 0.5, 2.5))
     behind = MountedLidar("lidar", "side", Mount(-2.3, 2.0, 2.0))
-    found = assess(ordered([roof, behind]), problem.criteria, Traffic({}, None))
-    assert found.violations["body"] > 0, "there is the trailer at -80 degrees"
+    assessment = assess(ordered([roof, behind]), problem.criteria, Traffic({}, None))
+    assert assessment.violations["body"] > 0, "there is the trailer at -80 degrees"
     assert assess((roof,), problem.criteria, Traffic({}, None)).violations["body"] <= 0
     zones = {"on": {"x": [-8, -3], "y": 0, "z": [2.6, 2.7]}}
     above = write_search(tmp_path, search=search | {"zones": zones})
-    told = run_search(above, codes=(2,)).splitlines()
-    assert told == [f"{above}: search.zones.on: is inside the vehicle's body"]
+    lines = run_search(above, codes=(2,)).splitlines()
+    assert lines == [f"{above}: search.zones.on: is inside the vehicle's body"]

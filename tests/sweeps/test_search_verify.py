@@ -65,8 +65,8 @@ def test_differences_hold_for_all_pairs_at_once():
         at, row = (names.index(name), names.index("center")), table.loc[name]
         assert row["difference"] == pytest.approx(theirs.statistic[at])
         expected = (bounds.low[at], bounds.high[at])
-        found = (row["difference_low"], row["difference_high"])
-        assert found == pytest.approx(expected, abs=1e-3)
+        interval = (row["difference_low"], row["difference_high"])
+        assert interval == pytest.approx(expected, abs=1e-3)
     assert table.loc["center", ["difference", "difference_low"]].isna().all()
     assert table["seeds"].to_dict() == {"center": 2, "found_1": 3, "line": 3}
     assert set(table["iou"]) == {0.7}
@@ -75,9 +75,9 @@ def test_differences_hold_for_all_pairs_at_once():
 
 def test_a_mean_has_the_spread_of_all_rigs():
     table = table_of(run(Y))
-    known = [np.array(y)[np.isfinite(y)] for y in Y.values()]
-    degrees = sum(max(len(y) - 1, 0) for y in known)
-    variance = sum(((y - y.mean()) ** 2).sum() for y in known if len(y)) / degrees
+    values = [np.array(y)[np.isfinite(y)] for y in Y.values()]
+    degrees = sum(max(len(y) - 1, 0) for y in values)
+    variance = sum(((y - y.mean()) ** 2).sum() for y in values if len(y)) / degrees
     half = stats.t.ppf(0.975, degrees) * np.sqrt(variance / 3)
     assert table.loc["line", "value"] == 63
     assert table.loc["line", "high"] == pytest.approx(63 + half)

@@ -11,25 +11,25 @@ from tests.sweeps.small_log import write_sweep
 RAYS = "azimuth_deg,elevation_deg\n" + "".join(f"{a},-5\n" for a in range(0, 360, 5))
 
 
-def copied(found, folder):
+def copied(source, folder):
     """Its configuration in another folder."""
     path = folder / "elsewhere" / "copy.yaml"
     path.parent.mkdir()
-    path.write_text(yaml.safe_dump(dict(found.source)))
+    path.write_text(yaml.safe_dump(dict(source.source)))
     return path
 
 
 def test_a_sweep_with_patterns_everywhere_can_be_read_from_elsewhere(tmp_path):
     for name in ("one.csv", "two.csv"):
         (tmp_path / name).write_text(RAYS)
-    own = {"mounts": [{"z": 2.0, "lidar": {"pattern": "two.csv"}}]}
+    item = {"mounts": [{"z": 2.0, "lidar": {"pattern": "two.csv"}}]}
     grid = {"placement": ["line", "pattern"], "lidar.pattern": ["one.csv", "two.csv"]}
-    keys = {"lidar": {"pattern": "one.csv"}, "placements": {"pattern": own}, "grid": grid}
+    keys = {"lidar": {"pattern": "one.csv"}, "placements": {"pattern": item}, "grid": grid}
     sweep = read_sweep(write_sweep(tmp_path, **keys))
     again = read_sweep(copied(sweep, tmp_path))
-    found = {own.point.lidar.pattern for own in again.points}
-    assert found == {tmp_path / "one.csv", tmp_path / "two.csv"}
-    assert [own.point for own in again.points] == [own.point for own in sweep.points]
+    patterns = {item.point.lidar.pattern for item in again.points}
+    assert patterns == {tmp_path / "one.csv", tmp_path / "two.csv"}
+    assert [item.point for item in again.points] == [item.point for item in sweep.points]
 
 
 def test_a_search_among_patterns_can_be_read_from_elsewhere(tmp_path):
@@ -54,8 +54,8 @@ def test_corrections_are_found_from_elsewhere_and_keys_have_their_content(tmp_pa
     assert read_problem(tmp_path / "small.yaml").key != problem.key
     grid = {"placement": ["line"], "lidar.correction": [None, "truck.yaml"]}
     points = read_sweep(write_sweep(tmp_path, grid=grid)).points
-    found = [own.rig.lidars[0].correction for own in points]
-    assert [own and own.distance for own in found] == [None, 60]
+    corrections = [item.rig.lidars[0].correction for item in points]
+    assert [item and item.distance for item in corrections] == [None, 60]
 
 
 def test_other_values_stay_as_they_are(tmp_path):

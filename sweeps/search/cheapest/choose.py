@@ -29,7 +29,7 @@ limit on the cost, prove how many LiDARs such a rig has at least.
 import itertools
 import math
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 from lidarplace.base.errors import InputError
 from sweeps.configuration.objective import TOTALS
 from sweeps.search.cheapest.blocks import Block, blocks_of
+from sweeps.search.cheapest.cheapest_rig import TOLERANCE, CheapestResult, Recall, reaches
 from sweeps.search.cheapest.programme import Position, Programme, Row
 from sweeps.search.cheapest.rig_check import RigCheck, check_rig, cost_of
 from sweeps.search.greedy.candidates import candidates_of, check_grid, limits_of
@@ -45,51 +46,11 @@ from sweeps.search.problem.constraints import Constraint, requirement_name
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig, ordered
 
-_TOLERANCE = 1e-6
-"""Rounding of the solver, shares of the need."""
 _AT_ONCE = 12
 """Rows of a requirement that are added in a round."""
 _SPARE_SECONDS = 5.0
 _GROWING = ("blind_lidars", "body_share")
 """Constraints that further LiDARs can only break more."""
-
-
-@dataclass(frozen=True)
-class CheapestResult:
-    """The cheapest rig of a grid; its rig is None if there is none.
-
-    Attributes:
-        cost: of the rig; infinite without one.
-        bound: lowest cost of every rig of the grid; infinite where none meets everything.
-        fewest: LiDARs that every rig of the grid with that cost has at least; 0: not known.
-        closest: the checked rig that lacks least.
-        value: of the detector, percent; None without one.
-        counts: numbers of candidates, objects, rounds, rows, cuts and checked rigs."""
-
-    rig: Rig | None
-    cost: float
-    bound: float
-    fewest: float
-    closest: Rig | None
-    seconds: float
-    value: float | None = None
-    counts: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def gap(self) -> float:
-        """Share of its cost by which the rig may be dearer than the cheapest; 0: proven."""
-        if _reaches(self.bound, self.cost):
-            return 0.0
-        return 1.0 - max(self.bound, 0.0) / self.cost if self.cost < math.inf else math.inf
-
-
-def _reaches(bound: float, cost: float) -> bool:
-    """Return whether no rig is cheaper."""
-    return bound >= cost - _TOLERANCE * max(1.0, abs(cost))
-
-
-Recall = Callable[[Rig], float]
-"""Recall of a detector with a rig, percent."""
 
 
 def check(problem: SearchProblem) -> str:
@@ -209,7 +170,7 @@ class _Work:
             self.greedy(by_cost=False)
         self.minimise()
         cost, bound = self.cost, self.bound
-        if self.best is None or not _reaches(bound, cost):
+        if self.best is None or not reaches(bound, cost):
             return cost, bound, 0.0
         if self.problem.file.search.cheapest.by != "lidars":
             self.programme, self.bound = self.programme.of_number(cost), 0.0
@@ -218,11 +179,11 @@ class _Work:
 
     def minimise(self) -> None:
         """Solve, check, add rows, until a rig is as cheap as the programme, or time is up."""
-        while self.left > 0 and not _reaches(self.bound, self.cost):
+        while self.left > 0 and not reaches(self.bound, self.cost):
             self.rounds += 1
             solution = self.programme.solve(self.left)
             self.bound = max(self.bound, solution.bound)
-            if _reaches(self.bound, self.cost) or solution.chosen is None:
+            if reaches(self.bound, self.cost) or solution.chosen is None:
                 break
             if self.add_rows(solution.chosen, solution.failing):
                 continue
@@ -291,7 +252,7 @@ class _Work:
             for lost in [(), *filter(None, dead)]:
                 remaining = [lidar for lidar in lidars if lidar not in lost]
                 shares = block.of(remaining)
-                short = block.short(shares, 1.0 - _TOLERANCE)
+                short = block.short(shares, 1.0 - TOLERANCE)
                 if not len(short):
                     continue
                 broken = True
@@ -350,7 +311,7 @@ class _Work:
         if block.may_fail and block.dead > 1:
             return
         parts = block.sensors or self.most_lidars - block.dead
-        enough = block.alone[:, row] * parts >= 1.0 - _TOLERANCE
+        enough = block.alone[:, row] * parts >= 1.0 - TOLERANCE
         gains = self.by_candidate(enough / (block.dead + max(block.sensors, 1.0)))
         position = _position(block, row, (block.key, "lifted"), of_each=block.dead == 1)
         self.programme.rows.append(Row(gains, 0.0, position))
@@ -371,7 +332,7 @@ class _Work:
         ease = self.by_candidate(np.minimum(block.alone, 1.0).sum(axis=1))
         for i in np.argsort(ease).tolist():
             more = block.plus(state, () if i in inside else self.lidars((i,)))
-            if len(block.short(block.shares(more), 1.0 - _TOLERANCE)):
+            if len(block.short(block.shares(more), 1.0 - TOLERANCE)):
                 state = more
                 inside.add(i)
         self.programme.cut(1.0 - self.marked(list(inside)), 1.0)

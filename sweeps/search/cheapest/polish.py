@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from sweeps.search.cheapest.choose import Recall
+from sweeps.search.cheapest.cheapest_rig import Recall
 from sweeps.search.cheapest.rig_check import RigCheck, check_rig, cost_of
 from sweeps.search.greedy.certificate import slots_of
 from sweeps.search.greedy.refine import neighbours
@@ -103,18 +103,13 @@ def needed_for(problem: SearchProblem, rig: Rig, recall: Recall | None) -> list[
     """Name the first failure without each LiDAR, or without its mirrored pair; "" for none.
 
     It is a requirement, a constraint, the recall, or the setting that asks for the LiDAR."""
-    placed = slots_of(rig, problem) or []
-    return [_needed_for(problem, rig, lidar, placed, recall) for lidar in rig]
+    return [_needed_for(problem, rig, lidar, recall) for lidar in rig]
 
 
 def _needed_for(
-    problem: SearchProblem,
-    rig: Rig,
-    lidar: MountedLidar,
-    placed: Sequence[Assignment],
-    recall: Recall | None,
+    problem: SearchProblem, rig: Rig, lidar: MountedLidar, recall: Recall | None
 ) -> str:
-    search = problem.file.search
+    search, placed = problem.file.search, slots_of(rig, problem) or ()
     together = next((place.rig for place in placed if lidar in place.rig), ())
     removals = {(lidar,): ""} | ({together: "the pair: "} if len(together) > 1 else {})
     for parts, text in removals.items():

@@ -12,7 +12,7 @@ from rich.table import Table
 from lidarplace.command_line.terminal import table
 from lidarplace.files.atomic import write_text
 from lidarplace.requirements.tables import case_table, worst_cases
-from sweeps.search.cheapest.choose import CheapestResult, Recall
+from sweeps.search.cheapest.cheapest_rig import CheapestResult, Recall
 from sweeps.search.cheapest.polish import needed_for
 from sweeps.search.cheapest.rig_check import check_rig, cost_of
 from sweeps.search.problem.problem import SearchProblem

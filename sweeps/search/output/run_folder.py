@@ -140,12 +140,6 @@ def _about(
     different = len({problem.space.rig(trial.params) for trial in trials})
     warned = {name: findings.rigs[name].rig for name in (*findings.best[:1], findings.baseline)}
     warned |= {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
-    stride = None
-    if any(objective.by in RAY_SURROGATES for objective in criteria.objectives):
-        stride = kinds.Stride(
-            azimuth_stride=criteria.azimuth_stride,
-            relative_error=stride_error(findings.rigs.values()),
-        )
     return kinds.SearchResult(
         name=file.name,
         command=command,
@@ -186,12 +180,19 @@ def _about(
         baseline=findings.baseline,
         rigs={name: _rig(assessed) for name, assessed in findings.rigs.items()},
         importance=importances(findings.study) or None,
-        stride=stride,
+        stride=_stride(problem, findings),
         cautions=[*problem.cautions, *greedy_warnings(problem), *rig_warnings(warned, problem)],
         linear_share=_linear_share(problem, findings),
         tracking_uri=public_url(absolute_uri(file.tracking_uri)),
         versions={"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
     )
+
+
+def _stride(problem: SearchProblem, findings: SearchFindings) -> kinds.Stride | None:
+    criteria, error = problem.criteria, stride_error(findings.rigs.values())
+    if not any(objective.by in RAY_SURROGATES for objective in criteria.objectives):
+        return None
+    return kinds.Stride(azimuth_stride=criteria.azimuth_stride, relative_error=error)
 
 
 def _zones(space: Space) -> list[kinds.Zone]:

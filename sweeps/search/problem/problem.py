@@ -212,10 +212,9 @@ class SearchProblem(SearchConfig):
 
     def paper_rigs(self) -> dict[str, Rig]:
         """Return the paper's eight with the LiDAR of the key `lidar`."""
-        paper = PAPER_PLACEMENTS.items()
-        return {
-            name: ordered(MountedLidar(OWN_MODEL, "", m) for m in rig.mounts) for name, rig in paper
-        }
+        mounts = {name: rig.mounts for name, rig in PAPER_PLACEMENTS.items()}
+        lidars = {name: [MountedLidar(OWN_MODEL, "", m) for m in ms] for name, ms in mounts.items()}
+        return {name: ordered(rig) for name, rig in lidars.items()}
 
 
 def read_problem(
@@ -404,15 +403,12 @@ def _check_pretrained(problem: SearchProblem) -> None:
 def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Assignment]:
     """Assign a placement to the slots; its LiDARs are of the first model of their zones."""
     settings = file.placements.get(name)  # a search knows models by name alone
-    if settings is not None and (
-        settings.recorded or any(mount.lidar for mount in settings.mounts)
-    ):
+    if settings and (settings.recorded or any(mount.lidar for mount in settings.mounts)):
         own_lidars, fix = f"{name}: its mounts have LiDARs of their own", "give one of `lidar`"
         raise InputError(own_lidars, key="search.start", fix=fix)
     with at(key=f"search.start: {name}"):
-        return assign_to_slots(
-            space, [MountedLidar("", "", mount) for mount in rigs.of(file, name).mounts]
-        )
+        lidars = [MountedLidar("", "", mount) for mount in rigs.of(file, name).mounts]
+        return assign_to_slots(space, lidars)
 
 
 def _without_paths(value: Any) -> Any:

@@ -112,25 +112,16 @@ class Space:
             problem, key = "too many ways to divide LiDARs", "search.zones"
             raise InputError(problem, key=key, expected=most, found=f"{ways:,}", fix=fix)
         ranges = (range(int(low), int(high) + 1) for low, high in self.count_ranges.values())
-        combinations = itertools.product(*ranges)
-        return tuple(
-            sorted(
-                combinations,
-                key=lambda counts_per_zone: (self._size(counts_per_zone), counts_per_zone),
-            )
-        )
+        every = itertools.product(*ranges)
+        return tuple(sorted(every, key=lambda counts: (self._size(counts), counts)))
 
-    def _size(self, counts_per_zone: CountsPerZone) -> int:
-        return sum(slot.size for slot in self.slots(counts_per_zone))
+    def _size(self, counts: CountsPerZone) -> int:
+        return sum(slot.size for slot in self.slots(counts))
 
     @cached_property
     def numbers(self) -> tuple[int, int]:
         """The least and the greatest number of LiDARs, without the fixed ones."""
-        sizes = [
-            self._size(counts_per_zone)
-            for counts_per_zone in (self.all_counts[0], self.all_counts[-1])
-        ]
-        return sizes[0], sizes[1]
+        return self._size(self.all_counts[0]), self._size(self.all_counts[-1])
 
     @property
     def numbers_of_parameters(self) -> tuple[int, int]:
@@ -138,29 +129,24 @@ class Space:
         sizes = [len(self.distributions(counts)) for counts in self.all_counts]
         return min(sizes), max(sizes)
 
-    def slots(self, counts_per_zone: CountsPerZone) -> list[MountSlot]:
+    def slots(self, counts: CountsPerZone) -> list[MountSlot]:
         """Return the slots to fill for these counts."""
         if self.settings.counted:
-            zone_slots: list[MountSlot] = []
-            for zone, count in zip(self.zones, counts_per_zone, strict=True):
-                zone_settings = self.settings.zones[zone.name]
-                kind = (
-                    (zone,),
-                    zone_settings.models or self.models,
-                    self.spans(zone.name),
-                    zone_settings.mirrored,
-                )
-                zone_slots += [MountSlot(f"{zone.name}_{i + 1}", *kind) for i in range(count)]
-            return zone_slots
-        (number,) = counts_per_zone
+            slots: list[MountSlot] = []
+            for zone, count in zip(self.zones, counts, strict=True):
+                of_zone = self.settings.zones[zone.name]
+                models, spans = of_zone.models or self.models, self.spans(zone.name)
+                kind = ((zone,), models, spans, of_zone.mirrored)
+                slots += [MountSlot(f"{zone.name}_{i + 1}", *kind) for i in range(count)]
+            return slots
+        (number,) = counts
         spans = {name: getattr(self.settings, f"{name}_deg") for name in _ANGLES}
         zones, models = self.zones, self.models
         if not self.settings.symmetric:
             return [MountSlot(f"lidar_{i + 1}", zones, models, spans, False) for i in range(number)]
         halves = tuple(filter(None, map(left_half, zones)))
-        pairs = [
-            MountSlot(f"pair_{i + 1}", halves, models, spans, True) for i in range(number // 2)
-        ]
+        names = [f"pair_{i + 1}" for i in range(number // 2)]
+        pairs = [MountSlot(name, halves, models, spans, True) for name in names]
         if number % 2 == 0:
             return pairs
         middles = tuple(filter(None, map(on_centre_line, zones)))
@@ -173,17 +159,13 @@ class Space:
         """Return lowest and highest roll, pitch and yaw of a mount in a zone; degrees, ego."""
         keys, of_zone = [f"{angle}_deg" for angle in _ANGLES], self.settings.zones[zone]
         roll, pitch, yaw = (getattr(of_zone, key) or getattr(self.settings, key) for key in keys)
-        low, high = yaw
-        return {
-            "roll": roll,
-            "pitch": pitch,
-            "yaw": (of_zone.facing_deg + low, of_zone.facing_deg + high),
-        }
+        low, high = (of_zone.facing_deg + end for end in yaw)
+        return {"roll": roll, "pitch": pitch, "yaw": (low, high)}
 
-    def distributions(self, counts_per_zone: CountsPerZone) -> dict[str, BaseDistribution]:
+    def distributions(self, counts: CountsPerZone) -> dict[str, BaseDistribution]:
         """Return the parameters of a rig with these counts."""
-        distributions = (self.slot_distributions(slot) for slot in self.slots(counts_per_zone))
-        return {name: distribution for slot in distributions for name, distribution in slot.items()}
+        of_slots = (self.slot_distributions(slot) for slot in self.slots(counts))
+        return {name: distribution for slot in of_slots for name, distribution in slot.items()}
 
     def slot_distributions(self, slot: MountSlot) -> dict[str, BaseDistribution]:
         """Return the parameters of a LiDAR, or of the left one of a pair."""
@@ -316,8 +298,8 @@ def _in_slots(
         if place is None:
             break
         assignments.append(place)
-        for mount in (mounted.mount for mounted in place.rig):
-            left.remove(next(lidar for lidar in left if _same(lidar.mount, mount)))
+        for placed in place.rig:
+            left.remove(next(lidar for lidar in left if _same(lidar.mount, placed.mount)))
     return assignments, left
 
 
@@ -335,7 +317,7 @@ def _in_slot(
         return None
     if slot.pair:
         other = mirrored(mount)
-        if mount.y <= 0 or not any(_same(other_lidar.mount, other) for other_lidar in left):
+        if mount.y <= 0 or not any(_same(lidar.mount, other) for lidar in left):
             return None
     for zone in slot.zones:
         if lidar.zone in ("", zone.name) and fits(slot, zone, mount):

@@ -16,13 +16,13 @@ from lidarplace.configuration.placement import read_placement_settings
 from lidarplace.configuration.pose import PoseSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.atomic import write_text
-from lidarplace.rig_files.mounted import MountedLidar, lidars_in
+from lidarplace.rig_files.mounted import RigSensor, lidars_in
 
 DIGITS = 9
 """Decimals of metres and degrees, which leave no trace of rounding."""
 
 
-def read_own(path: Path) -> list[MountedLidar]:
+def read_mounts_yaml(path: Path) -> list[RigSensor]:
     """Read the sensors of a file of `mounts`, LiDARs first; those without a name are numbered.
 
     Raises ValueError as `read_placement_settings`."""
@@ -32,17 +32,17 @@ def read_own(path: Path) -> list[MountedLidar]:
     others = zip(several, settings.in_ego(several), strict=True)
     return [
         *(
-            MountedLidar(each.name or f"lidar_{number}", mount, each.lidar)
+            RigSensor(each.name or f"lidar_{number}", mount, each.lidar)
             for number, (each, mount) in enumerate(lidars)
         ),
         *(
-            MountedLidar(each.name or f"{each.KIND}_{number}", mount, further=each)
+            RigSensor(each.name or f"{each.KIND}_{number}", mount, further=each)
             for number, (each, mount) in enumerate(others, 1)
         ),
     ]
 
 
-def write_own(path: Path, lidars: Sequence[MountedLidar]) -> None:
+def write_mounts_yaml(path: Path, lidars: Sequence[RigSensor]) -> None:
     """Write LiDARs, cameras and radars in the ego frame; angles in degrees."""
     content = {"mounts": [_mount(lidar) for lidar in lidars_in(lidars)]}
     for kind in ("camera", "radar"):
@@ -52,7 +52,7 @@ def write_own(path: Path, lidars: Sequence[MountedLidar]) -> None:
     write_text(path, yaml.safe_dump(content, allow_unicode=True, **options))
 
 
-def _mount(lidar: MountedLidar) -> dict[str, Any]:
+def _mount(lidar: RigSensor) -> dict[str, Any]:
     mount = lidar.mount
     place = {axis: round(getattr(mount, axis), DIGITS) + 0.0 for axis in "xyz"}
     turned = {

@@ -27,12 +27,12 @@ def trial_of(folder, **changes):
     return trial
 
 
-def value_of(task, known):
+def value_of(task, values):
     """The result of a task and, before it, of all that it needs."""
-    if task.key not in known:
-        inputs = [value_of(needed, known) for needed in task.inputs]
-        known[task.key] = task.stage.run(*inputs)
-    return known[task.key]
+    if task.key not in values:
+        inputs = [value_of(needed, values) for needed in task.inputs]
+        values[task.key] = task.stage.run(*inputs)
+    return values[task.key]
 
 
 @pytest.fixture
@@ -50,34 +50,36 @@ def judged(tmp_path):
 
 
 def test_detections_are_those_of_kept_clouds(judged):
-    trial, known, _ = judged
-    whole = value_of(trial.evaluate, known).detections
-    parts = [value_of(detect_task(trial.evaluate, i, 2), known) for i in range(2)]
+    trial, values, _ = judged
+    whole = value_of(trial.evaluate, values).detections
+    parts = [value_of(detect_task(trial.evaluate, i, 2), values) for i in range(2)]
     assert [part.frames["frame"].tolist() for part in parts] == [[1, 3], [2]]
-    found = pd.concat([part.detections for part in parts]).sort_values("frame", kind="stable")
-    assert len(found) > 0
-    pd.testing.assert_frame_equal(found.reset_index(drop=True), whole)
+    detections = pd.concat([part.detections for part in parts]).sort_values("frame", kind="stable")
+    assert len(detections) > 0
+    pd.testing.assert_frame_equal(detections.reset_index(drop=True), whole)
 
 
 def test_metrics_of_all_portions_are_those_of_the_whole(judged):
-    trial, known, store = judged
+    trial, values, store = judged
     every = [detect_task(trial.evaluate, i, n) for n in (1, 3) for i in range(n)]
     truth = next(task for task in trial.evaluate.inputs if task.stage.name == "ground_truth")
     for task in [*every, truth]:
-        store.save(task, value_of(task, known), 0.0)
-    own = [metrics_of_portions(store, p, [truth], ["Car"], {}, ()) for p in (every[:1], every[1:])]
-    pd.testing.assert_frame_equal(*own)
+        store.save(task, value_of(task, values), 0.0)
+    tables = [
+        metrics_of_portions(store, p, [truth], ["Car"], {}, ()) for p in (every[:1], every[1:])
+    ]
+    pd.testing.assert_frame_equal(*tables)
 
 
 def test_a_log_s_tests_can_be_those_of_another_log(tmp_path):
     for name in ("own", "other"):
         write_small_log(tmp_path / name)
-    own, other = (LogScene(source="log", folder=tmp_path / name) for name in ("own", "other"))
+    first, other = (LogScene(source="log", folder=tmp_path / name) for name in ("own", "other"))
     both = LogScene(source="log", folder=tmp_path / "own", test_folder=tmp_path / "other")
     assert both.frame_counts() == (3, 1)
     train, test = log_parts(both)
     assert (train.splits, test.splits) == (("train",), ("test",))
-    assert train.recording == log_parts(own)[0].recording  # trainings stay as they are
+    assert train.recording == log_parts(first)[0].recording  # trainings stay as they are
     assert test.recording == log_parts(other)[0].recording
     with pytest.raises(ValueError, match="test_folder: "):
-        LogScene(source="log", folder=own.folder, test_folder=other.folder, clouds="recorded")
+        LogScene(source="log", folder=first.folder, test_folder=other.folder, clouds="recorded")
