@@ -42,13 +42,13 @@ def blocks(language: str) -> list[Block]:
 
 def commands() -> list[Block]:
     """Every command of every block of shell, without comments and broken lines."""
-    blocks = []
+    shell_commands = []
     for block in blocks("sh"):
         for line in block.text.replace("\\\n", " ").splitlines():
             command = " ".join(re.sub(r"(^|\s)#.*", "", line).split())
             if command:
-                blocks.append(Block(block.page, block.number, command))
-    return blocks
+                shell_commands.append(Block(block.page, block.number, command))
+    return shell_commands
 
 
 def commands_in_text() -> list[Block]:
