@@ -43,7 +43,7 @@ _COLUMNS = TILE * TILE
 _IN_BLOCK = BLOCK**3
 _LEVELS = 2 * HALF_LEVELS
 _SUNK_M = 1e-6
-"""How far a ray may be under a patch where it comes in: rounding at the seam to its neighbour."""
+"""Depth of a ray under a patch where it comes in: rounding at the seam to its neighbour, metres."""
 
 
 class Worlds(NamedTuple):
@@ -96,20 +96,30 @@ def cast_in_world(
     crop: Sequence[float] = EVERYWHERE,
     into: Hits | None = None,
     ends: NDArray[np.float64] = NO_ENDS,
+) -> Hits:
+    """Cast all rays of one LiDAR at parts and the static world, None being none, see `cast`."""
+    hits = cast(mount, lidar, parts, crop, into, ends, level=world is None)
+    if world is not None:
+        stop_in_world(mount, lidar, hits, world, crop)
+    return hits
+
+
+def stop_in_world(
+    mount: Mount,
+    lidar: Lidar,
+    hits: Hits,
+    world: WorldAround,
+    crop: Sequence[float] = EVERYWHERE,
     only_objects: bool = False,
     level: bool = True,
-) -> Hits:
-    """Cast all rays of one LiDAR at parts and the static world, None being none, see `cast`.
+) -> None:
+    """Let the rays of `hits`, which were cast without ground, end at the static world, in place.
 
-    `only_objects`: the world stops only rays that hit an object. `level`: whether the ground is
-    flat, at z = 0, where the world has none."""
-    hits = cast(mount, lidar, parts, crop, into, ends, level=level and world is None)
-    if world is None:
-        return hits
+    `only_objects`: only rays that hit an object. `level`: whether the ground is flat, at z = 0,
+    where the world has none."""
     region = np.array(crop, np.float64)
     for rays, numbers in rays_of(mount, lidar):
         stop_at_world(rays, world, region, only_objects, level, hits.of(numbers))
-    return hits
 
 
 def worlds_of(worlds: Mapping[str, StaticWorld]) -> Worlds:
@@ -225,7 +235,7 @@ def stop_at_world(rays, around, crop, only_objects, level, hits):
     """Let rays end at the world, in place, where that is nearer than what they hit.
 
     `hits` are those of `Rays` without ground, `around` is a `WorldAround`, `crop` as of `cast`,
-    `only_objects` as of `cast_in_world`. `level`: where no ground is known it is flat, as seen from
+    `only_objects` as of `stop_in_world`. `level`: where no ground is known it is flat, as seen from
     the vehicle."""
     (origin, rotation_in_ego, beams), (worlds, scene, turn, shift) = rays, around
     x, y, z = turn @ origin + shift
