@@ -8,7 +8,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.clouds.ground import CELL_M, CELLS, Ground, square
 from lidarplace.clouds.reflectivity import Material, reflectivity, uniforms
 from lidarplace.clouds.shapes import BUILDING, SIGN, Parts, bricks, shapes_of
-from lidarplace.clouds.static_world import WorldAround, worlds_of
+from lidarplace.clouds.worlds import WorldAround, worlds_of
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, check_boxes, full_poses
 

@@ -18,8 +18,9 @@ from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import NO_ENDS, cast
 from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.clouds.shapes import Parts
-from lidarplace.clouds.static_world import WorldAround, stop_in_world
+from lidarplace.clouds.static_world import stop_in_world
 from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.clouds.worlds import WorldAround
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.lidar import Lidar

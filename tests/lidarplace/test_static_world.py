@@ -11,15 +11,10 @@ from lidarplace.base.kernel_cache import njit
 from lidarplace.clouds.collect import collect
 from lidarplace.clouds.raycast import GROUND, NOTHING, cast
 from lidarplace.clouds.shapes import BUILDING, WORLD, bricks
-from lidarplace.clouds.static_world import (
-    WorldAround,
-    cast_in_world,
-    stop_in_world,
-    stops,
-    worlds_of,
-)
+from lidarplace.clouds.static_world import cast_in_world, stop_in_world, stops
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.clouds.visibility import visible_share
+from lidarplace.clouds.worlds import WorldAround, worlds_of
 from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS, BUILDING_COLUMNS
 from lidarplace.logs.world import (
