@@ -96,7 +96,7 @@ def nuscenes(
         typer.Option(help="text file with one test scene per line, instead of --test-share"),
     ] = None,
 ) -> None:
-    """nuScenes v1.0, its annotated key frames."""
+    """Annotated key frames of nuScenes v1.0."""
 
     def read(ignored: Counter[str]) -> BoxLog:
         test = read_text(test_scenes).split() if test_scenes else test_share

@@ -1,7 +1,8 @@
 """A tracking server that is away at the start, killed in the middle, and started again."""
 
-import mlflow_runs_of as made
 import pytest
+
+from tests.tracking import mlflow_runs_of as made
 
 MORE = range(3, 12)
 
