@@ -13,13 +13,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from training.detectors.heads.pointrcnn_head import pool_points
 from training.ops.ball_query import ball_query
 from training.ops.box_overlap import iou_3d
 from training.ops.grouping import group
 from training.ops.interpolation import three_nn
 from training.ops.nms import nms
 from training.ops.points_in_boxes import box_of_points
-from training.ops.roipoint_pool import roipoint_pool
 from training.ops.sampling import furthest_point_sample
 from training.ops.voxel_query import OccupiedVoxels, voxel_query
 
@@ -52,7 +52,7 @@ def _points(random: np.random.Generator, device: torch.device) -> None:
         rois = _scattered(random, 128, device)
         features = torch.ones(count, 128, device=device)
         _report("box of 128 of every point", box_of_points, cloud, rois)
-        _report("512 points of each of 128 boxes", roipoint_pool, cloud, features, rois, 512, 1.0)
+        _report("512 points of each of 128 boxes", pool_points, cloud, features, rois, 512, 1.0)
         idx, _ = ball_query(2.4, 32, cloud, counts, centres, chosen)
         _report("group 2048 × 32 × 128, both ways", _both_ways, features.requires_grad_(), idx)
 

@@ -26,7 +26,7 @@ from lidarplace import PAPER_PLACEMENTS
 from lidarplace.clouds.ground import Ground, square
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import EVERYWHERE, GROUND, NOTHING, cast
-from lidarplace.clouds.returns import sample_points
+from lidarplace.clouds.returns import CloudPart, sample_points
 from lidarplace.clouds.shapes import BUILDING, Parts, shapes_of
 from lidarplace.clouds.surroundings import facades
 from lidarplace.rigs.placement import Placement
@@ -138,7 +138,7 @@ def main() -> None:
         count = 0
         for m, mount in enumerate(PLACEMENT.mounts):
             free = points[count:]
-            count += sample_points(mount, noisy, hits[m], ground, FRONT, (0, 0, m), free)
+            count += sample_points(mount, noisy, hits[m], ground, FRONT, CloudPart((0, 0, m)), free)
         return count
 
     embree = Embree(PLACEMENT, parts)

@@ -25,7 +25,8 @@ from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.clouds.collect import collect
-from lidarplace.clouds.static_world import cast_in_world
+from lidarplace.clouds.raycast import cast
+from lidarplace.clouds.static_world import stop_in_world
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.commands.convert import app
 from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
@@ -103,7 +104,9 @@ def casts(log: BoxLog, built: BoxLog, frames: list[int]) -> dict[str, float]:
         }
         for name, (parts, around, only) in ways.items():
             start = time.process_time()
-            cast_in_world(mount, lidar, parts, around, only_objects=only)
+            hits = cast(mount, lidar, parts, level=around is None)
+            if around is not None:
+                stop_in_world(mount, lidar, hits, around, only_objects=only)
             seconds.setdefault(name, []).append(time.process_time() - start)
     return {name: 1000 * float(np.median(own[1:])) for name, own in seconds.items()}
 

@@ -28,7 +28,7 @@ def pytest_collection():
 
 @pytest.fixture(autouse=True, scope="module")
 def what_was_imported_is_no_garbage():
-    """To look through it takes a second, and some libraries do so at every call."""
+    """Collect before a module: it takes a second, and some libraries do so at every call."""
     gc.collect()
     gc.freeze()
 

@@ -1,4 +1,4 @@
-"""What pages hold: commands and other blocks of code."""
+"""Blocks of code in the pages of the docs."""
 
 import re
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Block:
 
 
 def blocks(language: str) -> list[Block]:
-    """All blocks in that language."""
+    """List all blocks in that language."""
     return [
         Block(page.name, number, text)
         for page in PAGES
@@ -42,22 +42,22 @@ def blocks(language: str) -> list[Block]:
 
 def commands() -> list[Block]:
     """Every command of every block of shell, without comments and broken lines."""
-    found = []
+    shell_commands = []
     for block in blocks("sh"):
         for line in block.text.replace("\\\n", " ").splitlines():
             command = " ".join(re.sub(r"(^|\s)#.*", "", line).split())
             if command:
-                found.append(Block(block.page, block.number, command))
-    return found
+                shell_commands.append(Block(block.page, block.number, command))
+    return shell_commands
 
 
 def commands_in_text() -> list[Block]:
     """Commands between backticks outside of blocks: `python …`, `pytest …`, `make …`."""
-    found = []
+    commands = []
     for page in PAGES:
         text = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.M | re.S)
         for number, span in enumerate(re.findall(r"`([^`]+)`", text)):
             command = " ".join(span.split())
             if re.match(r"(\w+=\S* )*(python|pytest|make|lidarplace) ", command):
-                found.append(Block(page.name, number, command))
-    return found
+                commands.append(Block(page.name, number, command))
+    return commands

@@ -110,8 +110,8 @@ def make_world(folder: Path) -> None:
     write_recorded_log(folder / "logs/recorded", frames=1)
     (folder / "results").mkdir()
     for rig in ("roof", "corners"):
-        found = pd.read_parquet(folder / "logs/mine/boxes.parquet").assign(score=0.5)
-        found.to_parquet(folder / f"results/{rig}.parquet")
+        detections = pd.read_parquet(folder / "logs/mine/boxes.parquet").assign(score=0.5)
+        detections.to_parquet(folder / f"results/{rig}.parquet")
         (folder / f"{rig}.yaml").write_text("mounts: [{z: 2}]")
     write_database(folder / "runs/mlflow.db")
     rays = pd.DataFrame({"azimuth_deg": np.arange(20_000) % 360, "elevation_deg": -10.0})
@@ -124,9 +124,9 @@ def make_world(folder: Path) -> None:
     trimesh.creation.box((4500, 1500, 1800)).export(folder / "body.stl")  # its y axis is up
     for name in ("examples/labels", "examples/own_detector", "examples/command_evaluator"):
         shutil.copytree(ROOT / name, folder / name)
-    own = {key: GENERALIST[key] for key in GENERALIST if key != "grid"}
-    own |= {"detector": "own_detector.nets:build", "grid": {"placement": ["line", "center"]}}
-    (folder / "examples/own_detector/sweep.yaml").write_text(yaml.safe_dump(own))
+    settings = {key: GENERALIST[key] for key in GENERALIST if key != "grid"}
+    settings |= {"detector": "own_detector.nets:build", "grid": {"placement": ["line", "center"]}}
+    (folder / "examples/own_detector/sweep.yaml").write_text(yaml.safe_dump(settings))
     _tables(folder)
     write_data_sets(folder / "data", "nuscenes/v1.0-mini", "av2/sensor", both=True)
 

@@ -23,7 +23,7 @@ def write_package(folder: Path) -> Path:
 
 
 def install(package: Path, target: Path) -> Path:
-    """As `pip install PACKAGE` does, into a folder of its own."""
+    """Install a package into a folder of its own, as `pip install PACKAGE` does."""
     options = ("--no-deps", "--no-build-isolation", "--no-index", "--quiet", "--target")
     command = [sys.executable, "-m", "pip", "install", *options, str(target), str(package)]
     subprocess.run(command, check=True, capture_output=True)
@@ -33,7 +33,7 @@ def install(package: Path, target: Path) -> Path:
 def python(folder: Path, *arguments: str, path: Path | None = None, code: int = 0) -> str:
     """Run Python there, `path` with packages; stdout and stderr."""
     places = [str(ROOT), *([str(path)] if path else [])]
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, *arguments],
         cwd=folder,
         env=os.environ
@@ -42,5 +42,5 @@ def python(folder: Path, *arguments: str, path: Path | None = None, code: int = 
         capture_output=True,
         text=True,
     )
-    assert done.returncode == code, done.stdout + done.stderr
-    return done.stdout + done.stderr
+    assert result.returncode == code, result.stdout + result.stderr
+    return result.stdout + result.stderr

@@ -1,4 +1,4 @@
-"""What the cases of Python in `tests/data/messages.txt` may call, and tiny data for them."""
+"""Names for the cases of Python in `tests/data/messages.txt` and tiny data for them."""
 
 import gzip  # noqa: F401 - for cases
 import json
@@ -103,7 +103,7 @@ def csv(**columns: object) -> Path:
 
 
 def folder_of_csv(**columns: object) -> Path:
-    """The same beside a table of frames, whose columns are given; None: without it."""
+    """Folder of `csv` and a table of frames with these columns; None: without the column."""
     frames = {"scene": ["a", "a", "b"], "frame": [3, 4, 5], "timestamp_s": 0.0, "split": "train"}
     csv(scene="a")
     table = pd.DataFrame(frames | columns)
@@ -145,8 +145,8 @@ def nuscenes() -> Path:
 
 def argoverse(category: str | None = "BUS", **values: object) -> Path:
     """A log with a car, and a box of these values."""
-    own = {"timestamp_ns": 5, "category": "BUS", "translation": (9.0, 0.0, 1.0)}
-    two = [ArgoverseBox(**own), ArgoverseBox(**own | {"category": category} | values)]
+    box = {"timestamp_ns": 5, "category": "BUS", "translation": (9.0, 0.0, 1.0)}
+    two = [ArgoverseBox(**box), ArgoverseBox(**box | {"category": category} | values)]
     log = Log("train", "a", two, {5: (LEVEL, (0.0, 0.0, 0.0))}, [5])
     return write_argoverse(Path("av2"), [log])
 
@@ -172,15 +172,16 @@ def openlabel(where: str = "kiosk", value: object = None) -> Path:
 
 def curves(*changes: dict[str, object]) -> str:
     """A file of detection curves."""
-    own = {"class": "Car", "iou": 0.5, "most": 0.9, "rate": 0.07}
-    return json.dumps({"command": "", "cell": 0.2, "curves": [own | change for change in changes]})
+    curve = {"class": "Car", "iou": 0.5, "most": 0.9, "rate": 0.07}
+    every = [curve | change for change in changes]
+    return json.dumps({"command": "", "cell": 0.2, "curves": every})
 
 
 @cache
 def names() -> Mapping[str, object]:
-    """All of them."""
+    """All names that cases may use."""
     modules = map(import_module, MODULES.split())
-    found = {name: value for module in modules for name, value in vars(module).items()}
-    found |= {name: getattr(lidarplace, name) for name in lidarplace.__all__} | vars(math)
-    found |= {name.rpartition(".")[2]: import_module(name) for name in TESTS.split()}
-    return found | {"np": np, "pd": pd, "Path": Path} | globals()
+    content = {name: value for module in modules for name, value in vars(module).items()}
+    content |= {name: getattr(lidarplace, name) for name in lidarplace.__all__} | vars(math)
+    content |= {name.rpartition(".")[2]: import_module(name) for name in TESTS.split()}
+    return content | {"np": np, "pd": pd, "Path": Path} | globals()

@@ -65,8 +65,8 @@ def write_log(
             for name in rig.names
         ]
         pd.concat(parts, ignore_index=True).to_parquet(clouds / f"{frame}.parquet")
-    kept = folder / "clouds" / "recorded"
-    counted, _ = count_real_points(log, clouds, (0.0, 0.0, 0.0), kept)
+    recorded = folder / "clouds" / "recorded"
+    counted, _ = count_real_points(log, clouds, (0.0, 0.0, 0.0), recorded)
     write_box_log(folder, counted)
     return counted
 
@@ -92,9 +92,9 @@ def cast(boxes: np.ndarray, name: str, random: np.random.Generator) -> pd.DataFr
         half = np.array(size) / 2 - 0.1
         a, b = turn @ ray.T, turn @ (origin - [x, y, z])
         a, b = a / half[:, None], b / half
-        square, middle = (a**2).sum(0), b @ a
-        root = middle**2 - square * (b @ b - 1)
-        hit = np.where(root > 0, (-middle - np.sqrt(np.maximum(root, 0))) / square, np.inf)
+        square, projection = (a**2).sum(0), b @ a
+        root = projection**2 - square * (b @ b - 1)
+        hit = np.where(root > 0, (-projection - np.sqrt(np.maximum(root, 0))) / square, np.inf)
         nearer = (hit > 0) & (hit < distance)
         distance[nearer], of_car[nearer] = hit[nearer], True
     returns = distance < 80

@@ -11,7 +11,7 @@ from lidarplace.base.errors import InputError
 
 @contextmanager
 def refused(expected: str | tuple[str, str, str], source: str = "") -> Iterator[None]:
-    """What is done inside is refused: a pattern of the line, or place, key and what was found.
+    """Expect that the block is refused: a pattern of the line, or place, key and what was found.
 
     Place and what was found may be parts of the error's; "" fits all. The line names `source`.
     """

@@ -1,4 +1,4 @@
-"""All commands: one style of help, one line for a mistake, exit codes, completion."""
+"""Commands: one style of help, one line for a mistake, exit codes, completion."""
 
 import json
 import os
@@ -35,15 +35,15 @@ def lidarplace(*arguments, **options):
     return CliRunner().invoke(app, words, prog_name="lidarplace", **options)
 
 
-def assert_one_line(done, *told):
-    """It ended with exit code 2 and one line on stderr that has `told`."""
-    if done.exception is not None and not isinstance(done.exception, SystemExit):
-        raise done.exception
-    assert done.exit_code == 2, done.output
-    assert done.stdout == ""
-    assert done.stderr.count("\n") == 1, done.stderr
-    for text in told:
-        assert str(text) in done.stderr
+def assert_one_line(result, *texts):
+    """Expect exit code 2 and one line on stderr that has `texts`."""
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1, result.stderr
+    for text in texts:
+        assert str(text) in result.stderr
 
 
 # Help
@@ -51,10 +51,10 @@ def assert_one_line(done, *told):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_has_examples_exit_codes_and_the_same_names_everywhere(command):
-    done = lidarplace(*command.split(), "--help")
-    assert done.exit_code == 0, done.output
-    assert not re.search(r"list\[|docs/", done.stdout), "an installed package has no docs/"
-    first, *lines = done.stdout.splitlines()
+    result = lidarplace(*command.split(), "--help")
+    assert result.exit_code == 0, result.output
+    assert not re.search(r"list\[|docs/", result.stdout), "an installed package has no docs/"
+    first, *lines = result.stdout.splitlines()
     assert first.startswith(f"Usage: lidarplace {command} ")
     start = next(i for i, line in enumerate(lines) if re.fullmatch("Examples?:", line))
     assert lines[start + 1].startswith(f"  lidarplace {command}")
@@ -65,10 +65,10 @@ def test_help_has_examples_exit_codes_and_the_same_names_everywhere(command):
         "  2    invalid input: one line on stderr names it",
         "  130  stopped by Ctrl-C; 143 by SIGTERM",
     ]
-    for line in re.findall(r"^  (--(?:set|json|dry-run|schema) .*)$", done.stdout, re.MULTILINE):
+    for line in re.findall(r"^  (--(?:set|json|dry-run|schema) .*)$", result.stdout, re.MULTILINE):
         name, rest = line.split(maxsplit=1)
         assert rest.split("  ")[-1].strip() in SHARED[name]
-    for name in re.findall(r"^  ([^\s-]\S*) <", done.stdout, re.MULTILINE):
+    for name in re.findall(r"^  ([^\s-]\S*) <", result.stdout, re.MULTILINE):
         assert name == name.upper()
 
 
@@ -91,7 +91,7 @@ def test_the_list_of_verbs_says_what_they_do():
 
 
 def test_heavy_libraries_wait_until_they_are_needed():
-    """For `--help` and completion; `lidarplace --help` does without any but typer."""
+    """Holds for `--help` and completion; `lidarplace --help` needs typer alone."""
     code = """
 import sys
 from importlib import import_module
@@ -169,7 +169,7 @@ def test_no_file_and_a_folder_in_its_place(in_folder, verb, log):
 
 @pytest.mark.parametrize("verb", ["run", "status", "record", "pretrain", "doctor", "search"])
 @pytest.mark.parametrize(
-    ("pair", "told"),
+    ("pair", "texts"),
     [
         ("training.epochs", "expected KEY=VALUE, with = between them, such as"),
         ("trainin.epochs=2", "did you mean training?"),
@@ -177,13 +177,13 @@ def test_no_file_and_a_folder_in_its_place(in_folder, verb, log):
         ("training.epochs=[", "is not YAML"),
     ],
 )
-def test_an_override_with_a_mistake(in_folder, verb, pair, told):
+def test_an_override_with_a_mistake(in_folder, verb, pair, texts):
     content = "placement: line\n"
     if verb == "search":
         content = (ROOT / "examples/search.yaml").read_text(encoding="utf-8")
     (in_folder / "grid.yaml").write_text(content)
     words = words_of(verb, "grid.yaml", "log")
-    assert_one_line(lidarplace(*words, "--set", pair), told)
+    assert_one_line(lidarplace(*words, "--set", pair), texts)
 
 
 # Mistakes in a log or a run
@@ -243,7 +243,7 @@ def test_a_folder_that_cannot_be_read(in_folder, verb, kind):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "texts"),
     [
         (("describe",), "Missing argument 'LOG...'"),
         (("status",), "Missing argument 'CONFIG'"),
@@ -256,14 +256,14 @@ def test_a_folder_that_cannot_be_read(in_folder, verb, kind):
     ],
     ids=" ".join,
 )
-def test_a_usage_that_is_wrong(words, told):
-    done = lidarplace(*words)
-    assert done.exit_code == 2
-    assert done.stdout == ""
-    last = done.stderr.splitlines()[-1]
+def test_a_usage_that_is_wrong(words, texts):
+    result = lidarplace(*words)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    last = result.stderr.splitlines()[-1]
     assert last.startswith("Error: ")
-    assert told in last
-    assert "Traceback" not in done.stderr
+    assert texts in last
+    assert "Traceback" not in result.stderr
 
 
 SWEEP = "placement: line\n"
@@ -277,20 +277,20 @@ def test_a_place_that_cannot_be_written(in_folder, log, verb, key):
     content = f"scene: {{source: log, folder: {log}}}\nclasses: [Car]\n"
     (in_folder / "grid.yaml").write_text(content + (SEARCH if verb == "search" else SWEEP))
     words = [word for word in words_of(verb, "grid.yaml", log) if word != "--dry-run"]
-    done = lidarplace(*words, "--set", f"{key}=grid.yaml")
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1), done.output
-    assert "grid.yaml" in done.stderr
-    assert "goes on" not in done.output
+    result = lidarplace(*words, "--set", f"{key}=grid.yaml")
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1), result.output
+    assert "grid.yaml" in result.stderr
+    assert "goes on" not in result.output
 
 
 @pytest.mark.parametrize(("verb", "content"), [("run", SWEEP), ("search", SEARCH)])
 def test_the_name_of_a_file_that_can_be_none_of_a_sweep(in_folder, log, verb, content):
     path = in_folder / "mein grüner.yaml"
     path.write_text(f"scene: {{source: log, folder: {log}}}\nclasses: [Car]\n{content}")
-    told = ("mein grüner.yaml: name: ", "'mein grüner'", "--set name=mein_grüner")
-    assert_one_line(lidarplace(verb, path, "--dry-run"), *told)
-    done = lidarplace(verb, path, "--dry-run", "--set", "name=mein_grüner")
-    assert done.exit_code == 0, done.output
+    texts = ("mein grüner.yaml: name: ", "'mein grüner'", "--set name=mein_grüner")
+    assert_one_line(lidarplace(verb, path, "--dry-run"), *texts)
+    result = lidarplace(verb, path, "--dry-run", "--set", "name=mein_grüner")
+    assert result.exit_code == 0, result.output
 
 
 # Ends
@@ -298,13 +298,13 @@ def test_the_name_of_a_file_that_can_be_none_of_a_sweep(in_folder, log, verb, co
 
 @pytest.mark.parametrize("words", [("run", "--schema"), ("--help",)])
 def test_a_reader_that_has_gone(words):
-    """As `| head` does; what little was printed is flushed at the end."""
+    """Close the pipe as `| head` does; what little was printed is flushed at the end."""
     read, write = os.pipe()
     os.close(read)
     command = [sys.executable, "-c", "from sweeps.command_line import app; app()", *words]
-    done = subprocess.run(command, cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True)
+    result = subprocess.run(command, cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True)
     os.close(write)
-    assert done.stderr == ""
+    assert result.stderr == ""
 
 
 # JSON
@@ -325,14 +325,14 @@ def test_the_plan_as_json(in_folder, log):
     assert plan["stages"]["finetune"] == {"tasks": 1, "cached": 0}
     assert plan["rungs"] == [{"by": "expected_ig", "keep": 1, "set": {}}]
     assert [trial["cached"] for trial in plan["trials"]] == [False, False]
-    told = lidarplace("run", config, "--dry-run").stdout
-    assert "grid: 2 trials; of these at most" in told
-    assert "rung 0: expected_ig, the best 1 placements are kept" in told
+    output = lidarplace("run", config, "--dry-run").stdout
+    assert "grid: 2 trials; of these at most" in output
+    assert "rung 0: expected_ig, the best 1 placements are kept" in output
 
 
 def test_a_log_as_json(log):
-    found = json.loads(lidarplace("describe", log, "--json").stdout)
-    rows = found[str(log)]
+    description = json.loads(lidarplace("describe", log, "--json").stdout)
+    rows = description[str(log)]
     assert [row["scene"] for row in rows] == ["a", "a", "all"]
     assert rows[-1]["frames"] == 2
     assert rows[-1]["ROI Car"] == 0.5
@@ -369,8 +369,8 @@ def test_completion(line, words):
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_the_script_of_a_shell(shell):
-    done = lidarplace(env={"_LIDARPLACE_COMPLETE": f"source_{shell}"})
-    assert "_LIDARPLACE_COMPLETE" in done.stdout
+    result = lidarplace(env={"_LIDARPLACE_COMPLETE": f"source_{shell}"})
+    assert "_LIDARPLACE_COMPLETE" in result.stdout
 
 
 def test_the_command_that_was_given(monkeypatch):
@@ -385,11 +385,11 @@ def test_the_command_that_was_given(monkeypatch):
 def test_a_foreign_package_in_the_way(tmp_path, name):
     (tmp_path / name).mkdir()
     # An editable installation finds our modules in any package of that name.
-    own = f"__path__.append({str(ROOT / name)!r})" if name == "sweeps" else ""
-    (tmp_path / name / "__init__.py").write_text(own)
+    extension = f"__path__.append({str(ROOT / name)!r})" if name == "sweeps" else ""
+    (tmp_path / name / "__init__.py").write_text(extension)
     words = [sys.executable, "-m", "sweeps.run", "--help"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith(f"{tmp_path / name}: hides the package {name} of lidarplace; ")
-    assert done.stderr.count("\n") == 1
+    result = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr.startswith(f"{tmp_path / name}: hides the package {name} of lidarplace; ")
+    assert result.stderr.count("\n") == 1

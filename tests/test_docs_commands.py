@@ -89,7 +89,7 @@ def world(tmp_path_factory):
 
 
 def listed(command: str) -> str | None:
-    """How the command begins in NOT_RUN, if it is there; variables before it do not count."""
+    """Start of the command in NOT_RUN, if any; variables before it do not count."""
     bare = re.sub(r"^([A-Z_]+=\S* )+", "", command).removeprefix(".venv/bin/")
     return next((start for start in NOT_RUN if bare == start or bare.startswith(start)), None)
 

@@ -10,15 +10,15 @@ PAGES = [api, architecture, commands, configuration, run_folder, sensors]
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.__name__)
 def test_up_to_date(page):
-    told = page.PAGE.read_text(encoding="utf-8")
-    assert told == page.page(), f"out of date: python -m {page.__name__} makes it anew"
+    text = page.PAGE.read_text(encoding="utf-8")
+    assert text == page.page(), f"out of date: python -m {page.__name__} makes it anew"
 
 
 @pytest.mark.parametrize("picture", ["ROOMS", "FLOW"])
 def test_pictures_are_of_today(picture):
     draw = {"ROOMS": architecture.rooms_picture, "FLOW": architecture.flow_picture}[picture]
-    told = getattr(architecture, picture).read_text(encoding="utf-8")
-    assert told == draw(), "out of date: python -m docs.architecture makes it anew"
+    text = getattr(architecture, picture).read_text(encoding="utf-8")
+    assert text == draw(), "out of date: python -m docs.architecture makes it anew"
 
 
 def test_the_picture_of_the_data_has_every_stage():
@@ -36,5 +36,5 @@ def test_every_key_has_a_description(model):
 
 @pytest.mark.parametrize("model", [run_folder.SweepResult, run_folder.SearchResult])
 def test_every_key_of_a_run_folder_has_a_description(model):
-    told = {key: field.description for key, field in model.model_fields.items()}
-    assert all(told.values()), told
+    descriptions = {key: field.description for key, field in model.model_fields.items()}
+    assert all(descriptions.values()), descriptions

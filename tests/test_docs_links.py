@@ -18,15 +18,15 @@ def text_of(page: Path) -> str:
 
 
 def anchors(page: Path) -> set[str]:
-    """Of the headings of a page, as GitHub makes them."""
+    """Anchors of the headings of a page, as GitHub makes them."""
     seen: dict[str, int] = {}
-    found = set()
+    slugs = set()
     for heading in re.findall(r"^#+ (.*)$", text_of(page), re.M):
         title = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading)
         slug = re.sub(r"[^\w\- ]", "", title.strip().lower()).replace(" ", "-")
-        found.add(f"{slug}-{seen[slug]}" if slug in seen else slug)
+        slugs.add(f"{slug}-{seen[slug]}" if slug in seen else slug)
         seen[slug] = seen.get(slug, 0) + 1
-    return found
+    return slugs
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
@@ -36,11 +36,11 @@ def test_links_lead_somewhere(page):
             assert re.fullmatch(r"https://[\w.-]+\.\w+(/\S*)?", target), target
             continue
         path, _, anchor = target.partition("#")
-        there = (page.parent / path).resolve() if path else page
-        assert there.exists(), f"{target}: no such file"
-        assert there.is_relative_to(ROOT), f"{target}: outside of the project"
+        linked = (page.parent / path).resolve() if path else page
+        assert linked.exists(), f"{target}: no such file"
+        assert linked.is_relative_to(ROOT), f"{target}: outside of the project"
         if anchor:
-            assert anchor in anchors(there), f"{target}: {path or page.name} has no such heading"
+            assert anchor in anchors(linked), f"{target}: {path or page.name} has no such heading"
 
 
 def test_every_page_and_picture_is_linked():
@@ -63,10 +63,10 @@ def test_every_page_and_picture_is_linked():
 def test_files_that_a_page_names_are_there(page):
     named = re.findall(r"`([a-z_]+/[\w/]*(?:\.py)?)`", text_of(ROOT / "docs" / page))
     folders = [ROOT, *(ROOT / name for name in ("sweeps", "tracking", "training", "lidarplace"))]
-    made = ("runs/",)
+    generated = ("runs/",)
     lost = [name for name in named if not any((folder / name).exists() for folder in folders)]
     assert named
-    assert [name for name in lost if not name.startswith(made)] == []
+    assert [name for name in lost if not name.startswith(generated)] == []
 
 
 def test_anchors_are_githubs(tmp_path):

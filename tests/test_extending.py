@@ -1,4 +1,4 @@
-"""What docs/extending.md adds from outside works: each of the seven kinds, installed and not."""
+"""Additions of docs/extending.md work: each of the seven kinds, installed and not."""
 
 import json
 import re
@@ -19,9 +19,9 @@ PROGRAM = "from sweeps.main import main; main()"
 
 def lidarplace(folder, *words, site=None, code=0):
     """Run a command there; what it prints."""
-    done = run_forked(list(words), folder, folder, site=site)
-    assert done.returncode == code, done.stdout + done.stderr
-    return done.stdout + done.stderr
+    result = run_forked(list(words), folder, folder, site=site)
+    assert result.returncode == code, result.stdout + result.stderr
+    return result.stdout + result.stderr
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +48,12 @@ def test_a_surrogate(package, installed, tmp_path, name):
     write_sweep(tmp_path, "new.yaml", **SMALLER, **keys)
     lidarplace(tmp_path, "run", "new.yaml", site=None if ":" in name else installed)
     run = tmp_path / "runs/new"
-    found = pd.read_parquet(run / "surrogates.parquet").pivot(
+    values = pd.read_parquet(run / "surrogates.parquet").pivot(
         index="placement", columns="surrogate", values="value"
     )
-    assert (found[name] > 0).all()
+    assert (values[name] > 0).all()
     promoted = pd.read_parquet(run / "promotions.parquet").set_index("placement")
-    assert promoted["value"].to_dict() == found[name].to_dict()
+    assert promoted["value"].to_dict() == values[name].to_dict()
     assert promoted["kept"].sum() == 2
     for table in ("accuracy", "sampling_error", "pog_resamples"):
         assert name in set(pd.read_parquet(run / f"{table}.parquet")["surrogate"])
@@ -67,8 +67,8 @@ def test_a_search_by_a_surrogate(installed, tmp_path):
     lidarplace(tmp_path, "search", "small.yaml", site=installed)
     trials = pd.read_parquet(tmp_path / "runs/small/trials.parquet")
     best = trials[trials["feasible"]]["value.crossed_voxels"].max()
-    found = json.loads((tmp_path / "runs/small/search.json").read_text())
-    assert best == found["rigs"]["found_1"]["values"]["crossed_voxels"] > 0
+    search = json.loads((tmp_path / "runs/small/search.json").read_text())
+    assert best == search["rigs"]["found_1"]["values"]["crossed_voxels"] > 0
 
 
 FAILS = """
@@ -92,10 +92,10 @@ def test_a_surrogate_that_fails_for_two_rigs_of_three(tmp_path):
     keys["surrogate"] |= {"accuracy": False, "sampling_error": False}
     keys |= {"grid": {"placement": ["line", "center", "pyramid"]}}
     write_sweep(tmp_path, "new.yaml", **SMALLER, **keys)
-    said = lidarplace(tmp_path, "run", "new.yaml", code=1)
+    output = lidarplace(tmp_path, "run", "new.yaml", code=1)
     fault = "wrong value; expected one finite real number, found inf"
-    assert f"failed: line: plug_fails:FAILS: placement line: {fault}\n" in said
-    assert re.search(r"failed: center: plug_fails:FAILS: .*plug_fails.py:8: calls sys.exit", said)
+    assert f"failed: line: plug_fails:FAILS: placement line: {fault}\n" in output
+    assert re.search(r"failed: center: plug_fails:FAILS: .*plug_fails.py:8: calls sys.exit", output)
     table = pd.read_parquet(tmp_path / "runs/new/surrogates.parquet")
     assert set(table["placement"]) == {"pyramid"}
     assert (tmp_path / "runs/new/report.html").exists()
@@ -144,8 +144,8 @@ print(all(f'"{name}"' in schema for name in (name, "second_wide_tiny", "crossed_
 
 
 def test_metric_detector_schema_and_python(installed, tmp_path):
-    said = lidarplace(tmp_path, "-c", USE, site=installed)
-    assert said.split("\n") == ["True", "[50.0, 50.0]", "True", "True", "True", ""]
+    output = lidarplace(tmp_path, "-c", USE, site=installed)
+    assert output.split("\n") == ["True", "[50.0, 50.0]", "True", "True", "True", ""]
 
 
 def test_a_reader(installed, tmp_path):
@@ -156,8 +156,8 @@ def test_a_reader(installed, tmp_path):
     (tmp_path / "boxes.json").write_text(text, encoding="utf-8")
     convert = ("convert", "json-lines", "boxes.json", "log")
     assert "json-lines" in lidarplace(tmp_path, "convert", "--help", site=installed)
-    told = lidarplace(tmp_path, *convert, site=installed)
-    assert "Tram" in told
+    output = lidarplace(tmp_path, *convert, site=installed)
+    assert "Tram" in output
     log = read_box_log(tmp_path / "log")
     assert log.frames["split"].tolist() == ["train"] * 9 + ["test"]
     assert log.boxes[["frame", "class", "x"]].to_numpy().tolist() == [[0, "Car", 9.0]]
@@ -176,12 +176,12 @@ def test_a_live_scene(installed, tmp_path):
     assert set(log.boxes["x"]) == {8.0, 16.0, 24.0}
 
     run = ("run", "new.yaml", "--dry-run", "--set")
-    told = lidarplace(tmp_path, *run, "scene.frames=9", site=installed, code=2)
-    assert "no frame is in the test split; frames is 9, allowed is at least 10" in told
-    told = lidarplace(tmp_path, *run, "scene.gap=9", site=installed, code=2)
-    assert "scene.gap: unknown key (did you mean gap_m?)" in told
-    told = lidarplace(tmp_path, *run, "scene.source=platon", site=installed, code=2)
-    assert "(did you mean platoon?)" in told
+    output = lidarplace(tmp_path, *run, "scene.frames=9", site=installed, code=2)
+    assert "no frame is in the test split; frames is 9, allowed is at least 10" in output
+    output = lidarplace(tmp_path, *run, "scene.gap=9", site=installed, code=2)
+    assert "scene.gap: unknown key (did you mean gap_m?)" in output
+    output = lidarplace(tmp_path, *run, "scene.source=platon", site=installed, code=2)
+    assert "(did you mean platoon?)" in output
 
 
 def test_a_section(installed, tmp_path):
@@ -199,9 +199,9 @@ def test_a_command(installed, tmp_path):
     listed = lidarplace(tmp_path, "--help", site=installed)
     assert "\n  beams          Print the elevations of a LiDAR model.\n" in listed
     assert len(lidarplace(tmp_path, "beams", "vlp16", site=installed).split()) == 16
-    told = lidarplace(tmp_path, "beams", "vlp17", site=installed, code=2)
-    assert told.count("\n") == 1
-    assert "vlp16" in told
+    output = lidarplace(tmp_path, "beams", "vlp17", site=installed, code=2)
+    assert output.count("\n") == 1
+    assert "vlp16" in output
 
 
 def test_a_broken_command_leaves_others_alone(tmp_path):
@@ -217,8 +217,8 @@ def test_a_broken_command_leaves_others_alone(tmp_path):
     assert "\n  run            Run a sweep. [sweeps]\n" in listed
     assert "\n  bad            Do it.\n" in listed
     assert "\n  none           broken: ModuleNotFoundError: no module nowhere\n" in listed
-    told = python(tmp_path, "-c", PROGRAM, "bad", path=tmp_path, code=2)
-    assert told == (
+    output = python(tmp_path, "-c", PROGRAM, "bad", path=tmp_path, code=2)
+    assert output == (
         "bad (bad_commands): cannot be imported: ZeroDivisionError: division by zero; "
         "mend or uninstall it\n"
     )

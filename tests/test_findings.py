@@ -78,9 +78,10 @@ def test_parts_of_the_variance_are_means_over_all_orders():
         for place, name in enumerate(order):
             rises[name].append(explained(order[: place + 1]) - explained(order[:place]))
 
-    found = shares(x, y)
-    assert found.to_dict() == pytest.approx({name: np.mean(own) for name, own in rises.items()})
-    assert found.sum() == pytest.approx(explained(("a", "b", "c")))
+    averaged = {name: np.mean(gains) for name, gains in rises.items()}
+    parts = shares(x, y)
+    assert parts.to_dict() == pytest.approx(averaged)
+    assert parts.sum() == pytest.approx(explained(("a", "b", "c")))
 
 
 def test_terms_are_chosen_without_the_rig_that_is_predicted():
@@ -91,10 +92,10 @@ def test_terms_are_chosen_without_the_rig_that_is_predicted():
     y = x["c"] + 0.1 * pd.Series(random.normal(size=20))
     noise = pd.Series(random.normal(size=20))
 
-    found = combined(x, y, 1)
+    result = combined(x, y, 1)
 
-    assert found.terms == ("c",)
-    assert found.rho > 0.95
+    assert result.terms == ("c",)
+    assert result.rho > 0.95
     # Chosen from all rigs, the best of so many columns would seem to predict even noise.
     luck = x.corrwith(noise, method="spearman").abs().max()
     assert luck > 0.3 > combined(x, noise, 1).rho
@@ -107,15 +108,16 @@ def test_a_rig_that_is_left_out_takes_no_part_in_the_ranks_of_the_fit():
     random = np.random.default_rng(2)
     x = random.integers(0, 12, 15).astype(float)  # with ties
     y = x + random.normal(0, 4, 15)
-    said = []
+    predictions = []
     for rig in range(15):
-        others, own = np.delete(x, rig), np.delete(y, rig)
-        line = np.polynomial.Polynomial.fit(rankdata(others), rankdata(own), 1)
-        said.append(line(percentileofscore(others, x[rig], "mean") / 100 * len(others) + 0.5))
+        others, own_y = np.delete(x, rig), np.delete(y, rig)
+        line = np.polynomial.Polynomial.fit(rankdata(others), rankdata(own_y), 1)
+        rank = percentileofscore(others, x[rig], "mean") / 100 * len(others) + 0.5
+        predictions.append(line(rank))
 
-    found = combined(pd.DataFrame({"x": x}), pd.Series(y), 1)
+    result = combined(pd.DataFrame({"x": x}), pd.Series(y), 1)
 
-    assert found.rho == pytest.approx(spearmanr(np.round(said, 9), y).statistic)
+    assert result.rho == pytest.approx(spearmanr(np.round(predictions, 9), y).statistic)
 
 
 def test_chance_explains_nothing_of_the_variance():
@@ -162,5 +164,5 @@ def test_a_fitted_q_predicts_no_noise():
     measured = [pd.Series(random.normal(70, 3, 8), gains.index) for _ in range(200)]
     fitted = [fit_detection_probability(gains, ap) for ap in measured]
 
-    assert np.median([found.rmse / found.rmse_of_mean for found in fitted]) > 1
+    assert np.median([fit.rmse / fit.rmse_of_mean for fit in fitted]) > 1
     assert np.median([gains.corrwith(ap).abs().max() for ap in measured]) > 0.25

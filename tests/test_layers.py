@@ -102,12 +102,12 @@ FLOORS = {
 
 def modules() -> dict[str, Path]:
     """Every module of the project by its dotted name."""
-    found = {}
+    imports = {}
     for package in sorted(OWN):
         for path in sorted((ROOT / package).rglob("*.py")):
             parts = path.relative_to(ROOT).with_suffix("").parts
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
+            imports[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return imports
 
 
 MODULES = modules()
@@ -157,21 +157,23 @@ def floors_of(folder: str) -> dict[str, int]:
     floors = {name: number for number, names in enumerate(FLOORS[folder]) for name in names.split()}
     if "*" in floors:
         number = floors.pop("*")
-        rooms = {own for module in MODULES if (own := room(module, folder))} - {"__init__"}
+        rooms = {name for module in MODULES if (name := room(module, folder))} - {"__init__"}
         floors |= dict.fromkeys(rooms - floors.keys(), number)
     return floors
 
 
 @pytest.mark.parametrize("folder", FLOORS)
 def test_no_room_imports_upwards(folder):
-    inside = {m: own for m in MODULES if (own := room(m, folder)) and not m.startswith(PLUGINS)}
+    inside = {
+        m: member for m in MODULES if (member := room(m, folder)) and not m.startswith(PLUGINS)
+    }
     floors = floors_of(folder)
     assert floors.keys() - {"__init__"} == set(inside.values()) - {"__init__"}
-    for module, own in inside.items():
+    for module, member in inside.items():
         for name in imports()[module]:
             other = room(name, folder)
-            if other in floors and other != own:
-                assert floors[other] < floors[own], f"{module} imports {name}"
+            if other in floors and other != member:
+                assert floors[other] < floors[member], f"{module} imports {name}"
 
 
 def test_nobody_imports_a_plug_in():
@@ -189,8 +191,8 @@ def test_what_scripts_import_of_ours_is_there():
             if isinstance(node, ast.ImportFrom) and str(node.module).partition(".")[0] in OWN:
                 module = import_module(str(node.module))
                 for name in {alias.name for alias in node.names}:
-                    own = f"{node.module}.{name}" in MODULES or hasattr(module, name)
-                    assert own, f"{path}: {node.module} has no {name}"
+                    exists = f"{node.module}.{name}" in MODULES or hasattr(module, name)
+                    assert exists, f"{path}: {node.module} has no {name}"
 
 
 def test_no_modules_import_each_other():
@@ -199,8 +201,8 @@ def test_no_modules_import_each_other():
 
 
 def test_all_kernels_are_compiled_by_the_njit_that_knows_their_sources():
-    own = [module for module, path in MODULES.items() if "numba.njit(" in path.read_text("utf-8")]
-    assert own == ["lidarplace.base.kernel_cache"]
+    users = [m for m, path in MODULES.items() if "numba.njit(" in path.read_text("utf-8")]
+    assert users == ["lidarplace.base.kernel_cache"]
     for module, path in MODULES.items():
         assert "from numba import" not in path.read_text("utf-8"), module
 
@@ -208,10 +210,10 @@ def test_all_kernels_are_compiled_by_the_njit_that_knows_their_sources():
 def test_importing_lidarplace_brings_in_no_heavy_or_optional_library():
     heavy = ["torch", "ray", "mlflow", "optuna", "libsumo", "plotly"]
     code = f"import sys, lidarplace; print([m for m in {heavy} if m in sys.modules])"
-    found = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    assert found.stdout.strip() == "[]"
+    assert result.stdout.strip() == "[]"
 
 
 def test_importing_any_module_changes_nothing_of_the_process():

@@ -68,13 +68,13 @@ def world(tmp_path, monkeypatch) -> Path:
 
 
 def line_of(*words: str) -> str:
-    """What is told on stderr, which is one line, with exit code 2."""
-    done = CliRunner().invoke(app, list(words), catch_exceptions=False)
-    assert done.exit_code == 2, done.output
-    assert done.stdout == ""
-    assert done.stderr.count("\n") == 1
+    """Run a command that prints one line on stderr, with exit code 2."""
+    result = CliRunner().invoke(app, list(words), catch_exceptions=False)
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1
     # Files beside another one are told whole.
-    return done.stderr.strip().replace(f"{Path.cwd()}/", "")
+    return result.stderr.strip().replace(f"{Path.cwd()}/", "")
 
 
 @pytest.mark.parametrize("changes", [case for case in messages() if case.startswith("{")])
@@ -111,8 +111,10 @@ def test_a_search(changes, world):
 @pytest.mark.parametrize("changes", cases("requirements "))
 def test_requirements(changes, world):
     """`people` are changes of the only requirement."""
-    own = json.loads(changes)
-    (world / "needs.yaml").write_text(yaml.safe_dump(small(**own.pop("people", {})) | own))
+    settings = json.loads(changes)
+    (world / "needs.yaml").write_text(
+        yaml.safe_dump(small(**settings.pop("people", {})) | settings)
+    )
     line = line_of("requirements", "needs.yaml")
     check(f"requirements {changes}", line.removeprefix("needs.yaml: "))
 

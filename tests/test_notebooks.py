@@ -38,8 +38,8 @@ def test_it_is_committed_without_outputs(name):
 @pytest.mark.long  # traffic, clouds and a sweep of its own process
 def test_the_quick_start_is_what_a_sweep_computes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    found = run("quickstart.ipynb")
-    ranking, swept = found["ranking"], found["wide"]
+    variables = run("quickstart.ipynb")
+    ranking, swept = variables["ranking"], variables["wide"]
     assert set(ranking.index) == {*PAPER_PLACEMENTS, "mine"}
     assert list(swept.index) == ["center", "line", "mine"]
     for name in ("covered_entropy", "expected_recall"):
@@ -61,12 +61,12 @@ def test_a_box_log(tmp_path, monkeypatch):
 def test_a_sweep(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = write_run(tmp_path / "runs/grid")
-    found = run("sweep.ipynb")
+    variables = run("sweep.ipynb")
     table = pd.read_parquet(folder / "results.parquet")
-    own = table[
+    rows = table[
         (table["metric"] == "AP_R40_3D") & (table["iou"] == 0.7) & (table["class"] == "Car")
     ]
-    for name, values in own.groupby("placement")["value"]:
-        assert found["by_placement"]["mean"][name] == pytest.approx(values.mean())
-    assert {"s_mig", "covered_entropy", "expected_ig"} <= set(found["rho"].index)
-    assert found["rho"]["s_mig"] == pytest.approx(-found["rho"]["covered_entropy"])
+    for name, values in rows.groupby("placement")["value"]:
+        assert variables["by_placement"]["mean"][name] == pytest.approx(values.mean())
+    assert {"s_mig", "covered_entropy", "expected_ig"} <= set(variables["rho"].index)
+    assert variables["rho"]["s_mig"] == pytest.approx(-variables["rho"]["covered_entropy"])

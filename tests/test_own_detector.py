@@ -34,12 +34,12 @@ RANGE = (0.0, -20.0, 0.0, 40.0, 20.0, 4.0)
 
 @pytest.fixture
 def plugins():
-    """As in a new process: no plug-in was asked for."""
-    known = set(sys.modules)
+    """Plug-ins of a new process: none was loaded."""
+    modules = set(sys.modules)
     PLUGINS.clear()
     yield PLUGINS
     PLUGINS.clear()
-    for name in set(sys.modules) - known:
+    for name in set(sys.modules) - modules:
         if name.partition(".")[0] in ("own_detector", "broken"):
             del sys.modules[name]
     forget_versions()
@@ -56,9 +56,9 @@ def write_sweep(folder):
     write_small_log(folder / "log")
     write_database(folder / "runs/mlflow.db")
     shutil.copytree(EXAMPLE, folder / "project", ignore=shutil.ignore_patterns("__pycache__"))
-    own = {"detector": NETWORK, "training": {"epochs": 4, "batch_size": 1}}
-    own |= {"lidar": {"beams": 8, "azimuth_steps": 90}, "grid": {"placement": ["line"]}}
-    (folder / "project/sweep.yaml").write_text(yaml.safe_dump(SMALL | own))
+    settings = {"detector": NETWORK, "training": {"epochs": 4, "batch_size": 1}}
+    settings |= {"lidar": {"beams": 8, "azimuth_steps": 90}, "grid": {"placement": ["line"]}}
+    (folder / "project/sweep.yaml").write_text(yaml.safe_dump(SMALL | settings))
 
 
 def test_a_sweep_trains_it_and_logs_a_model(tmp_path):
@@ -70,7 +70,7 @@ def test_a_sweep_trains_it_and_logs_a_model(tmp_path):
 
 @pytest.mark.long
 def test_it_is_killed_resumes_and_is_started_from(tmp_path):
-    """It resumes to the same weights; then a sweep starts from them."""
+    """A killed training resumes to the same weights; then a sweep starts from them."""
     pretrain, ends = ["pretrain", "project/sweep.yaml", "--out", "base.pt"], []
     for name in ("undisturbed", "killed"):
         folder = tmp_path / name
@@ -107,17 +107,17 @@ def test_it_learns(example):
         loss.backward()
         optimiser.step()
     with torch.no_grad():
-        (found,) = as_arrays(model.eval(), model.predict([points]), [0])
-    assert np.allclose(found["boxes"][0], BOX.numpy(), atol=0.2)
-    assert found["labels"][0] == 1
+        (detected,) = as_arrays(model.eval(), model.predict([points]), [0])
+    assert np.allclose(detected["boxes"][0], BOX.numpy(), atol=0.2)
+    assert detected["labels"][0] == 1
 
 
 def test_installed_it_has_a_name(tmp_path):
     package = shutil.copytree(EXAMPLE, tmp_path / "package")  # pip writes into it
     site = install(package, tmp_path / "site")
     use = "from training import build_detector; print(build_detector('centre_net_tiny', ['Car']))"
-    done = run_forked(["-c", use], tmp_path, tmp_path, site=site)
-    assert "heat_head" in done.stdout, done.stderr
+    result = run_forked(["-c", use], tmp_path, tmp_path, site=site)
+    assert "heat_head" in result.stdout, result.stderr
 
 
 def test_its_code_reaches_workers_and_keys(plugins, tmp_path):
@@ -168,7 +168,7 @@ def broken(plugins, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "problem"),
     [
         ("nets:build", r"broken.nets:build: broken/nets.py:9: TypeError: .*abstract.* predict"),
         ("nets:three", r"broken.nets:three: TypeError: three\(\) takes 3 .* but 4 were given"),
@@ -177,20 +177,20 @@ def broken(plugins, tmp_path, monkeypatch):
         ("nets:nothing", r"broken.nets:nothing: cannot be imported: AttributeError: module"),
     ],
 )
-def test_what_cannot_be_built_is_one_line(broken, name, told):
-    with pytest.raises(ValueError, match=told):
+def test_what_cannot_be_built_is_one_line(broken, name, problem):
+    with pytest.raises(ValueError, match=problem):
         build_detector(f"broken.{name}", ["Car"])
 
 
 def test_a_mistake_in_the_users_code_has_its_file_and_line(broken):
     model = build_detector("broken.nets:net_tiny", ["Car"])  # the whole name, not a preset
-    for call, told in (
+    for call, problem in (
         (lambda: model.predict([]), "broken/nets.py:13: ZeroDivisionError: division by zero"),
         (lambda: model.loss([], [], []), "broken/nets.py:6: TypeError: list indices must be"),
     ):
         with pytest.raises(Exception) as error:  # noqa: PT011 - of any kind
             call()
-        assert Failure.of(error.value).reason.startswith(told)
+        assert Failure.of(error.value).reason.startswith(problem)
 
 
 STRANGE = """: broken: :build broken.nets:build: broken.nets.py:build ../x:y é:ü broken.nets
@@ -222,9 +222,9 @@ ONE = torch.ones(1)
 
 def test_parts_of_a_loss_may_be_plain_numbers():
     loss = torch.ones((), requires_grad=True)
-    found = checked_losses(Returns(), {"loss": loss, "box": 0.5, "count": 3})
-    assert found["box"] == 0.5
-    assert found["count"].is_floating_point()
+    losses = checked_losses(Returns(), {"loss": loss, "box": 0.5, "count": 3})
+    assert losses["box"] == 0.5
+    assert losses["count"].is_floating_point()
 
 
 def detections(**changed):
@@ -233,8 +233,8 @@ def detections(**changed):
 
 def test_an_empty_frame_is_a_frame():
     none = detections(boxes=BOX[:0], scores=ONE[:0], labels=ONE[:0].long())
-    (found,) = as_arrays(Returns(), [none], [7])
-    assert found["boxes"].shape == (0, 7)
+    (arrays,) = as_arrays(Returns(), [none], [7])
+    assert arrays["boxes"].shape == (0, 7)
 
 
 POINTS = [torch.rand(5, 4), torch.rand(3, 4)]
@@ -260,15 +260,15 @@ class Dataset:
     @staticmethod
     def collate_batch(frames):
         points = [
-            np.pad(own["points"], ((0, 0), (1, 0)), constant_values=i)
-            for i, own in enumerate(frames)
+            np.pad(frame["points"], ((0, 0), (1, 0)), constant_values=i)
+            for i, frame in enumerate(frames)
         ]
         batch = {"points": np.concatenate(points), "batch_size": len(frames)}
-        batch["frame_id"] = np.array([own["frame_id"] for own in frames])
+        batch["frame_id"] = np.array([frame["frame_id"] for frame in frames])
         if "gt_boxes" in frames[0]:
             batch["gt_boxes"] = np.zeros((len(frames), 2, 8), np.float32)
-            for padded, own in zip(batch["gt_boxes"], frames, strict=True):
-                padded[: len(own["gt_boxes"])] = own["gt_boxes"]
+            for padded, frame in zip(batch["gt_boxes"], frames, strict=True):
+                padded[: len(frame["gt_boxes"])] = frame["gt_boxes"]
         return batch
 
 
@@ -289,15 +289,19 @@ class PcdetModel(nn.Module):
             loss = self.weight * points.sum()
             return {"loss": loss}, {"rpn_loss": 0.5, "text": "no number"}, {}
         return [
-            {"pred_boxes": own[:, :7], "pred_scores": own[:, 7] / 2, "pred_labels": own[:, 7].int()}
-            for own in self.objects
+            {
+                "pred_boxes": boxes[:, :7],
+                "pred_scores": boxes[:, 7] / 2,
+                "pred_labels": boxes[:, 7].int(),
+            }
+            for boxes in self.objects
         ], {"gt": 0}
 
 
 def module(name, **content):
-    found = ModuleType(name)
-    vars(found).update(content)
-    return found
+    made_module = ModuleType(name)
+    vars(made_module).update(content)
+    return made_module
 
 
 def round_trip(name):
@@ -314,20 +318,20 @@ def test_a_model_of_openpcdet(example, monkeypatch):
     cfg = SimpleNamespace(
         CLASS_NAMES=["Car", "Cyclist"], DATA_CONFIG={"POINT_CLOUD_RANGE": RANGE}, MODEL="model"
     )
-    for own in (
+    for fake in (
         module("pcdet"),
         module("pcdet.config", cfg=cfg, cfg_from_yaml_file=lambda path, cfg: cfg),
         module("pcdet.datasets", DatasetTemplate=Dataset),
         module("pcdet.models", build_network=lambda model_cfg, num_class, dataset: PcdetModel()),
     ):
-        monkeypatch.setitem(sys.modules, own.__name__, own)
-    model, losses, found = round_trip("own_detector.openpcdet:build")
+        monkeypatch.setitem(sys.modules, fake.__name__, fake)
+    model, losses, detected = round_trip("own_detector.openpcdet:build")
     assert losses.keys() == {"loss", "rpn_loss"}
     assert model.point_range == RANGE
-    assert np.allclose(found[0]["boxes"], BOXES[0])
-    assert found[0]["labels"].tolist() == [2, 1]
-    assert found[0]["scores"].tolist() == [1, 0.5]
-    assert len(found[1]["boxes"]) == 0, "padding is no detection"
+    assert np.allclose(detected[0]["boxes"], BOXES[0])
+    assert detected[0]["labels"].tolist() == [2, 1]
+    assert detected[0]["scores"].tolist() == [1, 0.5]
+    assert len(detected[1]["boxes"]) == 0, "padding is no detection"
     with pytest.raises(InputError, match=r"openpcdet.py:\d+: ValueError: .*CLASS_NAMES"):
         build_detector("own_detector.openpcdet:build", ["Cyclist", "Car"])
 
@@ -356,7 +360,7 @@ class MmdetModel(nn.Module):
 
     def loss(self, inputs, samples):
         assert "voxels" in inputs
-        self.objects = [own.gt_instances_3d for own in samples]
+        self.objects = [sample.gt_instances_3d for sample in samples]
         return {"loss_cls": [self.weight, self.weight], "loss_bbox": 2 * self.weight}
 
     def parse_losses(self, losses):
@@ -364,23 +368,23 @@ class MmdetModel(nn.Module):
         return sum(parts.values()), {"loss": sum(parts.values()), **parts}
 
     def predict(self, inputs, samples):
-        assert all(own.metainfo["box_type_3d"] is LidarBoxes for own in samples)
+        assert all(sample.metainfo["box_type_3d"] is LidarBoxes for sample in samples)
         return [
             Instances(
                 pred_instances_3d=Instances(
-                    bboxes_3d=own.bboxes_3d,
-                    labels_3d=own.labels_3d,
-                    scores_3d=own.labels_3d / 2 + 0.05,
+                    bboxes_3d=sample.bboxes_3d,
+                    labels_3d=sample.labels_3d,
+                    scores_3d=sample.labels_3d / 2 + 0.05,
                 )
             )
-            for own in self.objects
+            for sample in self.objects
         ]
 
 
 def test_a_model_of_mmdetection3d(example, monkeypatch):
     config = SimpleNamespace(model="model", point_cloud_range=list(RANGE))
     structures = {"Det3DDataSample": Instances, "LiDARInstance3DBoxes": LidarBoxes}
-    for own in (
+    for fake in (
         module("mmdet3d"),
         module("mmdet3d.structures", **structures),
         module("mmdet3d.registry", MODELS=SimpleNamespace(build=lambda model: MmdetModel())),
@@ -389,8 +393,8 @@ def test_a_model_of_mmdetection3d(example, monkeypatch):
         module("mmengine.registry", init_default_scope=lambda scope: None),
         module("mmengine.structures", InstanceData=Instances),
     ):
-        monkeypatch.setitem(sys.modules, own.__name__, own)
-    model, losses, found = round_trip("own_detector.mmdetection3d:build")
+        monkeypatch.setitem(sys.modules, fake.__name__, fake)
+    model, losses, detected = round_trip("own_detector.mmdetection3d:build")
     assert {name: value.item() for name, value in losses.items()} == {
         "loss": 4,
         "loss_cls": 2,
@@ -399,6 +403,6 @@ def test_a_model_of_mmdetection3d(example, monkeypatch):
     assert model.model.objects[0].labels_3d.tolist() == [1, 0], "labels from 0"
     bottom = model.model.objects[0].bboxes_3d.tensor
     assert torch.allclose(bottom[:, 2], BOXES[0][:, 2] - BOXES[0][:, 5] / 2)
-    assert np.allclose(found[0]["boxes"], BOXES[0][:1], atol=1e-6), "a score of 0.05 is too low"
-    assert found[0]["labels"].tolist() == [2]
-    assert len(found[1]["boxes"]) == 0
+    assert np.allclose(detected[0]["boxes"], BOXES[0][:1], atol=1e-6), "a score of 0.05 is too low"
+    assert detected[0]["labels"].tolist() == [2]
+    assert len(detected[1]["boxes"]) == 0

@@ -1,4 +1,4 @@
-"""What the package asks for, brings and says is what its source needs."""
+"""Requirements, files and help of the package agree with its source."""
 
 import ast
 import os
@@ -51,7 +51,7 @@ NOT_IMPORTED = {
 
 
 def modules_of(extra: str) -> set[str]:
-    """What the requirements of an extra are imported as, without other extras."""
+    """Modules of the requirements of an extra, without other extras."""
     lines = PROJECT["optional-dependencies"][extra] if extra else PROJECT["dependencies"]
     names = {Requirement(line).name for line in lines} - {PROJECT["name"]}
     return {module for name in names for module in MODULES.get(name, [name])}
@@ -59,23 +59,23 @@ def modules_of(extra: str) -> set[str]:
 
 def imports(tree: ast.AST, everywhere: bool) -> set[str]:
     """Packages imported below `tree`; in functions and for types only if `everywhere`."""
-    found: set[str] = set()
+    names: set[str] = set()
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.Import):
-            found |= {alias.name.partition(".")[0] for alias in node.names}
+            names |= {alias.name.partition(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            found.add(str(node.module).partition(".")[0])
+            names.add(str(node.module).partition(".")[0])
         lazy = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) or (
             isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
         )
         if everywhere or not lazy:
-            found |= imports(node, everywhere)
-    return found - OWN - set(sys.stdlib_module_names)
+            names |= imports(node, everywhere)
+    return names - OWN - set(sys.stdlib_module_names)
 
 
 @cache
 def imports_of(package: str, everywhere: bool = True) -> dict[str, set[str]]:
-    """By file."""
+    """Imports by file."""
     paths = sorted((ROOT / package).rglob("*.py"))
     assert paths
     return {
@@ -87,14 +87,14 @@ def imports_of(package: str, everywhere: bool = True) -> dict[str, set[str]]:
 @pytest.mark.parametrize("package", sorted(OWN))
 def test_what_is_imported_is_declared(package):
     declared = set().union(*map(modules_of, MAY_IMPORT[package]))
-    undeclared = {path: found - declared for path, found in imports_of(package).items()}
+    undeclared = {path: names - declared for path, names in imports_of(package).items()}
     assert not {path: names for path, names in undeclared.items() if names}
 
 
 def test_what_is_declared_is_imported():
     declared = {m for extra in ("", *PROJECT["optional-dependencies"]) for m in modules_of(extra)}
     declared -= (modules_of("dev") | modules_of("docs")) - set(EXTRAS)
-    used = {name for package in OWN for found in imports_of(package).values() for name in found}
+    used = {name for package in OWN for names in imports_of(package).values() for name in names}
     assert declared - used == set(NOT_IMPORTED)
 
 
@@ -102,8 +102,8 @@ def test_what_is_declared_is_imported():
 def test_what_not_everybody_has_is_imported_where_it_is_used(package):
     # A function imports this module, which is about its package alone.
     at_work = {"lidarplace/viewing/mcap.py": {"foxglove"}}
-    for path, found in imports_of(package, everywhere=False).items():
-        assert not found & set(EXTRAS) - at_work.get(str(path), set()), path
+    for path, names in imports_of(package, everywhere=False).items():
+        assert not names & set(EXTRAS) - at_work.get(str(path), set()), path
 
 
 def test_the_extra_that_is_named_brings_the_package():
@@ -211,21 +211,21 @@ def test_init_writes_the_examples(tmp_path):
     def init(answer=None):
         return CliRunner().invoke(app, [str(tmp_path / "new")], input=answer)
 
-    done = init()
-    assert done.exit_code == 0, done.output
+    result = init()
+    assert result.exit_code == 0, result.output
     paths = [path for path in (tmp_path / "new").rglob("*") if path.is_file()]
     written = {str(path.relative_to(tmp_path / "new")): path.read_bytes() for path in paths}
     for name, content in written.items():
         assert content == (ROOT / "examples" / name).read_bytes()
         assert (ROOT / "sweeps/examples" / name).samefile(ROOT / "examples" / name), "one source"
-    own = tmp_path / "new/grid.yaml"
-    own.write_text("my: own\n")
+    grid = tmp_path / "new/grid.yaml"
+    grid.write_text("my: grid\n")
     for answer, code in (("", 2), ("n\n", 0)):
-        done = init(answer)
-        assert (done.exit_code, own.read_text()) == (code, "my: own\n"), done.output
-    assert "grid.yaml is there" in done.output
+        result = init(answer)
+        assert (result.exit_code, grid.read_text()) == (code, "my: grid\n"), result.output
+    assert "grid.yaml is there" in result.output
     init("y\n")
-    assert own.read_bytes() == written["grid.yaml"]
+    assert grid.read_bytes() == written["grid.yaml"]
 
 
 def test_init_writes_what_help_and_readme_name():

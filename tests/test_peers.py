@@ -29,7 +29,7 @@ def test_perception_entropy_of_one_object():
 
 
 def iou_of_extents(x, y):
-    """Of a box of sizes x and y with one of 1 and 1 that shares a corner."""
+    """IoU of a box of sizes x and y with one of 1 and 1 that shares a corner."""
     inner = np.minimum(x, 1) * np.minimum(y, 1)
     return inner / (x * y + 1 - inner)
 
@@ -51,31 +51,31 @@ def test_two_sides_by_draws(n, m, across, along, iou):
     size = min(len(x), len(y))
     expected = (iou_of_extents(x[:size], y[:size]) > iou).mean()
 
-    found = both_sides(*(np.array([float(one)]) for one in (n, m, across, along, iou)))
+    value = both_sides(*(np.array([float(one)]) for one in (n, m, across, along, iou)))
 
-    assert found == pytest.approx([expected], abs=0.01)
+    assert value == pytest.approx([expected], abs=0.01)
 
 
 @pytest.mark.parametrize(("n", "first", "last"), [(2, 0.1, 0.8), (5, 0.0, 0.95), (3, 0.5, 0.7)])
 def test_one_side_by_draws(n, first, last):
     random = np.random.default_rng(0)
-    w, middle = extents(random, n, last - first), (first + last) / 2
+    w, centre = extents(random, n, last - first), (first + last) / 2
     x = random.uniform(0.5, 2, len(w))
-    inner = (np.minimum(middle + w / 2, 1) - np.maximum(middle - w / 2, 0)) * np.minimum(x, 1)
+    inner = (np.minimum(centre + w / 2, 1) - np.maximum(centre - w / 2, 0)) * np.minimum(x, 1)
     expected = (inner / (x * w + 1 - inner) > 0.5).mean()
 
-    found = one_side(*(np.array([float(one)]) for one in (n, first, last, 0.5)))
+    value = one_side(*(np.array([float(one)]) for one in (n, first, last, 0.5)))
 
-    assert found == pytest.approx([expected], abs=0.01)
+    assert value == pytest.approx([expected], abs=0.01)
 
 
 def test_objects_with_more_points_come_first():
     assert average_precision(np.ones(5), np.arange(5.0)) == pytest.approx(1.0)
     assert average_precision(np.zeros(5), np.arange(5.0)) == pytest.approx(1 / 40 * 0)
     # Two of four, seen first: precision 1 up to half of the objects.
-    found, points = np.array([0.0, 1.0, 0.0, 1.0]), np.array([1.0, 5.0, 2.0, 9.0])
+    detected, points = np.array([0.0, 1.0, 0.0, 1.0]), np.array([1.0, 5.0, 2.0, 9.0])
     recalls = np.linspace(0, 1, 40)
-    assert average_precision(found, points) == pytest.approx((recalls <= 0.5).mean())
+    assert average_precision(detected, points) == pytest.approx((recalls <= 0.5).mean())
 
 
 def test_uniformity_by_counting():

@@ -1,4 +1,4 @@
-"""What the README shows works as it stands there."""
+"""Commands and code of the README work as they are printed."""
 
 import re
 from pathlib import Path
@@ -50,7 +50,7 @@ def test_examples(name, trials):
 
 
 def test_the_papers_experiment(monkeypatch, tmp_path):
-    """Its plan, with a map in the place of CARLA's."""
+    """Plan with a map in place of CARLA's."""
     for town in ("Town01", "Town03", "Town04", "Town06"):
         maps = tmp_path / "CarlaUE4/Content/Carla/Maps/OpenDrive"
         maps.mkdir(parents=True, exist_ok=True)

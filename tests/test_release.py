@@ -1,4 +1,4 @@
-"""What a release has to change together agrees."""
+"""Places that a release changes together agree."""
 
 import re
 import tomllib
@@ -38,12 +38,12 @@ def test_hooks_check_what_make_lint_checks():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     (recipe,) = re.findall(r"^lint: setup\n((?:\t.*\n)+)", makefile, re.M)
     lines = [line.strip().replace("$(BIN)", ".venv/bin") for line in recipe.splitlines()]
-    assert [hook["entry"] for own in hooks for hook in own["hooks"]] == [
+    assert [hook["entry"] for repository in hooks for hook in repository["hooks"]] == [
         line.removesuffix(" .") for line in lines
     ]
 
 
 def test_images_of_the_cluster():
     for path in sorted((ROOT / "examples/cluster").iterdir()):
-        for found in re.findall(r"lidarplace:([\d.]+)", path.read_text(encoding="utf-8")):
-            assert found == PROJECT["version"], path.name
+        for version in re.findall(r"lidarplace:([\d.]+)", path.read_text(encoding="utf-8")):
+            assert version == PROJECT["version"], path.name

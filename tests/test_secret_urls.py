@@ -10,7 +10,7 @@ from tests.refused import refused
 
 
 @pytest.mark.parametrize(
-    ("url", "shown"),
+    ("url", "hidden"),
     [
         ("sqlite:////runs/a:b@c.db", "sqlite:////runs/a:b@c.db"),
         ("http://host:5000", "http://host:5000"),
@@ -27,21 +27,24 @@ from tests.refused import refused
         ("abfs://container@account.host/x", "abfs://container@account.host/x"),
     ],
 )
-def test_secrets_of_an_address(url, shown):
-    assert public_url(url) == shown
+def test_secrets_of_an_address(url, hidden):
+    assert public_url(url) == hidden
     quoted = f'{{"url": "{url}", "n": 1}}'
     assert public_url(url) in hide_secrets(quoted, url)
-    assert hide_secrets_in({"store": {"url": [url]}, "n": 1}) == {"store": {"url": [shown]}, "n": 1}
-    if shown != url:
-        with refused(("", "store", shown)):
-            check_whole("store", shown)
+    assert hide_secrets_in({"store": {"url": [url]}, "n": 1}) == {
+        "store": {"url": [hidden]},
+        "n": 1,
+    }
+    if hidden != url:
+        with refused(("", "store", hidden)):
+            check_whole("store", hidden)
     check_whole("store", url)
 
 
 def test_a_secret_by_itself():
     url = "ftp://me:s3cr%40t@host/x"
-    told = hide_secrets("login of me with s3cr@t or s3cr%40t failed", url)
-    assert told == "login of me with *** or *** failed"
+    text = hide_secrets("login of me with s3cr@t or s3cr%40t failed", url)
+    assert text == "login of me with *** or *** failed"
     short = "ftp://me:e@host/x"
     assert hide_secrets("the end", short) == "the end"
 

@@ -124,8 +124,8 @@ def test_a_command_says_that_it_was_stopped(monkeypatch, number, code):
     monkeypatch.setattr(read, lambda _: os.kill(os.getpid(), number))
     as_in_a_terminal()
     before = signal.getsignal(signal.SIGTERM)
-    done = CliRunner().invoke(describe, ["log"])
-    assert (done.exit_code, done.stdout, done.stderr) == (code, "", "\nStopped.\n")
+    result = CliRunner().invoke(describe, ["log"])
+    assert (result.exit_code, result.stdout, result.stderr) == (code, "", "\nStopped.\n")
     assert signal.getsignal(signal.SIGTERM) == before
 
 
@@ -158,13 +158,15 @@ def test_a_swallowed_sigterm_comes_again_and_the_next_one_ends_the_process(tmp_p
 
 
 @pytest.mark.parametrize(
-    ("what", "told", "code"),
+    ("work", "expected", "code"),
     [
         ("in_held_code", "begun and ended\n", 143),
         ("in_code_that_hangs", "begun and ended\n", -signal.SIGTERM),
         ("tidy_up", "tidies up\n", -signal.SIGTERM),
     ],
 )
-def test_native_code_is_not_left_half_way_and_a_third_sigterm_ends_it(tmp_path, what, told, code):
-    done = run_forked(["-c", f"{SENDER}work({what})"], ROOT, tmp_path)
-    assert (done.stdout, done.stderr, done.returncode) == (told, "", code)
+def test_native_code_is_not_left_half_way_and_a_third_sigterm_ends_it(
+    tmp_path, work, expected, code
+):
+    result = run_forked(["-c", f"{SENDER}work({work})"], ROOT, tmp_path)
+    assert (result.stdout, result.stderr, result.returncode) == (expected, "", code)

@@ -51,14 +51,14 @@ def test_the_site_builds_and_loads_nothing_from_elsewhere(tmp_path):
         (demo / f"{name}.html").write_text(f"<p>the {name} page</p>")
     site = tmp_path / "site"
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(site)]
-    done = subprocess.run(
+    result = subprocess.run(
         command,
         cwd=ROOT,
         env=os.environ | {"LIDARPLACE_DEMO": str(demo), "NO_MKDOCS_2_WARNING": "1"},
         capture_output=True,
         text=True,
     )
-    assert done.returncode == 0, done.stderr
+    assert result.returncode == 0, result.stderr
     for page in demo.glob("*.html"):
         assert (site / "demo" / page.name).read_bytes() == page.read_bytes()
     for name, output in {
@@ -75,10 +75,10 @@ def test_the_site_builds_and_loads_nothing_from_elsewhere(tmp_path):
     for page in pages:
         assert not re.search(loaded, page.read_text(encoding="utf-8")), page.name
     (demo / "report.html").unlink()
-    done = subprocess.run(
+    result = subprocess.run(
         command, cwd=ROOT, env=os.environ | {"LIDARPLACE_DEMO": str(demo)}, capture_output=True
     )
-    assert b"report.html: no such file; run `make demo`" in done.stderr
+    assert b"report.html: no such file; run `make demo`" in result.stderr
 
 
 def test_the_workflow_runs_what_make_has():

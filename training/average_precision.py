@@ -108,23 +108,17 @@ def _precision_pass(layout, overlaps, similarity, scores, roles, minimum, lowest
                 if truth_role[g] == -1:
                     continue
                 row = pairs[f] + (g - truths[f]) * width - detections[f]
-                best, best_overlap, ignored = -1, -np.inf, -1
+                # An ignored detection is taken only where no other fits, and then counts nothing.
+                best, best_overlap = -1, minimum
                 for d in range(detections[f], detections[f + 1]):
-                    if detection_role[d] == -1 or taken[d] or scores[d] < lowest[t]:
+                    if detection_role[d] != 0 or taken[d] or scores[d] < lowest[t]:
                         continue
-                    overlap = overlaps[row + d]
-                    if overlap <= minimum:
-                        continue
-                    if detection_role[d] == 0 and overlap > best_overlap:
-                        best, best_overlap = d, overlap
-                    if detection_role[d] != 0 and ignored < 0:
-                        ignored = d
-                if best < 0:
-                    best = ignored  # an ignored detection is taken only where no other fits
+                    if overlaps[row + d] > best_overlap:
+                        best, best_overlap = d, overlaps[row + d]
                 if best < 0:
                     continue
                 taken[best] = True
-                if truth_role[g] == 0 and detection_role[best] == 0:
+                if truth_role[g] == 0:
                     counts[t, 0] += 1
                     counts[t, 2] += similarity[row + best]
             for d in range(detections[f], detections[f + 1]):

@@ -108,12 +108,10 @@ def finetune(
         frames = TrainingFrames(classes, clouds, ground_truth, model.sensor_height, least, share)
         database = ObjectDatabase.of(frames, classes, settings.sample_groups, least)
         augmentation = Augmentation(settings, model.point_range, database)
-        state, batch_size, reduced = _start(
-            folder.load(), context.halvings, model, frames, settings
-        )
-        optimisation = Optimisation(
-            model, settings, settings.epochs * -(-len(frames) // batch_size)
-        )
+        stopped = folder.load()
+        state, batch_size, reduced = _start(stopped, context.halvings, model, frames, settings)
+        steps = settings.epochs * -(-len(frames) // batch_size)
+        optimisation = Optimisation(model, settings, steps)
         if state is not None:
             model.load_state_dict(state.model)
             optimisation.load_state_dict(state.optimisation)

@@ -15,8 +15,10 @@ from lidarplace.files.columns import check_columns, groups, integers, no_text, n
 from lidarplace.files.regular import regular
 
 COLUMNS = ("x", "y", "z", "intensity", "ring", "lidar", "time")
-"""Of a cloud: metres, intensity in [0, 1], number of the laser from 0, LiDAR by number or name, and
-seconds from the first point. The first three are in every cloud."""
+"""Columns of a cloud, of which the first three are in every cloud.
+
+Units: metres, intensity in [0, 1], number of the laser from 0, LiDAR by number or name, and seconds
+from the first point."""
 NAMES: Mapping[str, str] = {
     **{name: name for name in COLUMNS},
     **dict.fromkeys(("i", "reflectivity", "reflectance", "remission"), "intensity"),
@@ -24,10 +26,12 @@ NAMES: Mapping[str, str] = {
     **dict.fromkeys(("lidar_id", "sensor", "sensor_id", "lidar_name"), "lidar"),
     **dict.fromkeys(("t", "timestamp", "time_s", "offset_time", "offset_ns"), "time"),
 }
-"""What the columns are called in files, in lower case; others are left out. Times that are whole
-numbers are nanoseconds; intensities that are whole, or beyond 1, are of 255."""
+"""Names of the columns in files, in lower case; others are left out.
+
+Times that are whole numbers are nanoseconds; intensities that are whole, or beyond 1, are of
+255."""
 ARGOVERSE_BEAMS = 32
-"""Of each of Argoverse's two LiDARs, whose `laser_number` counts through both."""
+"""Beams of each of Argoverse's two LiDARs, whose `laser_number` counts through both."""
 _NUMPY = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)
 }

@@ -174,7 +174,7 @@ class JoinedClouds(Generic[Part]):
 
 
 Clouds = PointClouds | JoinedClouds[PointClouds]
-"""What can be trained on."""
+"""Clouds that detectors can be trained on."""
 
 
 def as_kept(points: NDArray[np.float32], crop: Crop) -> NDArray[np.float32]:

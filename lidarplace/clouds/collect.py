@@ -14,7 +14,7 @@ from lidarplace.clouds.droplets import scatter_back
 from lidarplace.clouds.hashed import key_of
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import Hits
-from lidarplace.clouds.returns import LARGEST_ERROR, sample_points
+from lidarplace.clouds.returns import LARGEST_ERROR, CloudPart, sample_points
 from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.clouds.static_world import cast_in_world
 from lidarplace.clouds.surroundings import Surroundings
@@ -152,8 +152,8 @@ class SimulatedClouds:
             self._hits[lidar.rays] = hits
             free, key = self._points[counts.sum() :], (self._seed, frame, m)
             scatter_back(lidar, hits, key)
-            what = mount, lidar, hits, ground, self._crop, key, free, lift, classes
-            counts[m] = sample_points(*what, level=world is None)
+            part = CloudPart(key, lift, classes)
+            counts[m] = sample_points(mount, lidar, hits, ground, self._crop, part, free)
         return self._points[: counts.sum()], counts
 
 

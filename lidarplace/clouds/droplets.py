@@ -18,7 +18,7 @@ LIDAR_RATIO = 18.8
 """Extinction over backscatter of drops of water at 905 nm, sr (O'Connor, Illingworth and Hogan
 2004, J. Atmos. Ocean. Technol. 21, 777)."""
 PULSE_M = 0.75
-"""What of the air answers at once, metres: half the length of a pulse of 5 ns, our assumption."""
+"""Depth of air that answers at once, metres: half the length of a pulse of 5 ns, our assumption."""
 DROPS = 2**31 - 1
 """Target of a ray that drops send back: beyond the rows of all objects."""
 

@@ -28,10 +28,12 @@ class Ground:
     Attributes:
         reflectivity: of the cells of the square, [y, x], shape (CELLS, CELLS), float32; it
             becomes read-only.
-        pose: x, y and yaw of the ego frame in that of the square; metres, radians; finite."""
+        pose: x, y and yaw of the ego frame in that of the square; metres, radians; finite.
+        level: whether the ground is flat, at z = 0."""
 
     reflectivity: NDArray[np.float32]
     pose: tuple[float, float, float]
+    level: bool = True
 
     def __post_init__(self) -> None:
         self.reflectivity.flags.writeable = False  # as of `square`: numba compiles for one kind

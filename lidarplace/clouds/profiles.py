@@ -16,9 +16,10 @@ from lidarplace.rigs.placement import Placement
 class Profile:
     """Settings of a collection.
 
-    Attributes: the sensor of every mount, whether numbers of roll and pitch are taken for degrees,
-    and whether clouds are merged as if all LiDARs were as high as the first, see
-    `lidarplace.clouds.collect.collect`."""
+    Attributes:
+        lidar: sensor of every mount.
+        tilt_in_degrees: whether numbers of roll and pitch are taken for degrees.
+        misaligned_heights: see `lidarplace.clouds.collect.collect`."""
 
     lidar: Lidar
     tilt_in_degrees: bool = False

@@ -31,7 +31,7 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, blocks
 
 GROUND, NOTHING = -1, -6
-"""What a ray hit when it was no part; parts have owners above and between."""
+"""Targets of rays that hit no part; parts have owners above and between."""
 NO_ENDS = np.empty(0)
 """No ray ends at the rig of its LiDAR."""
 HAIR = 1e-9

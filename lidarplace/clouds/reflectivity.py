@@ -15,7 +15,7 @@ class Material(IntEnum):
     """Materials of surfaces in a simulated scene."""
 
     PAINT = 0
-    """Of cars, trucks and two-wheelers."""
+    """Paint of cars, trucks and two-wheelers."""
     GLASS = 1
     """The windows of a car: light passes and gets lost behind them."""
     TYRE = 2
@@ -28,7 +28,7 @@ class Material(IntEnum):
     SKIN = 6
     """Skin and hair."""
     WALL = 7
-    """Of buildings: brick, concrete, wood, plaster and glass."""
+    """Walls of buildings: brick, concrete, wood, plaster and glass."""
     ASPHALT = 8
     PAVING = 9
     """Concrete and stone on the ground."""

@@ -32,17 +32,28 @@ LARGEST_ERROR = 8.3
 """No range errs by more standard deviations: the normal quantile of 2**-53 is -8.21."""
 
 
+class CloudPart(NamedTuple):
+    """Part of one LiDAR in the cloud of a frame.
+
+    Attributes:
+        key: seed, frame and index of the LiDAR; with the ray it decides drop-off and noise.
+        lift: height by which points are raised before the cut, metres.
+        classes: of objects by the number that hits have of them, for a correction; what has another
+            number is no object to it."""
+
+    key: tuple[int, int, int]
+    lift: float = 0.0
+    classes: Sequence[str] = ()
+
+
 def sample_points(
     mount: Mount,
     lidar: Lidar,
     hits: Hits,
     ground: Ground,
     crop: Sequence[float],
-    key: tuple[int, int, int],
+    part: CloudPart,
     points: NDArray[np.float32],
-    lift: float = 0.0,
-    classes: Sequence[str] = (),
-    level: bool = True,
 ) -> int:
     """Write the points that one LiDAR returns from within `crop`; return their number.
 
@@ -55,24 +66,21 @@ def sample_points(
     beyond `lidar.sight`.
 
     `mount` and `lidar` are as cast for the `hits`, `crop` is x0, y0, z0, x1, y1, z1 in the ego
-    frame, metres, its faces included. `key` (seed, frame, index of the LiDAR) decides drop-off and
-    noise together with the ray. x, y, z and intensity go to the first rows of `points`, float32,
-    (rays or more, 4), in the order of the rays; z is raised by `lift`, metres, before the cut.
-    `classes` are those of objects by the number that `hits` have of them, for a correction: what
-    has another number is no object to it. `level`: whether the ground is flat, at z = 0."""
+    frame, metres, its faces included. x, y, z and intensity go to the first rows of `points`,
+    float32, (rays or more, 4), in the order of the rays."""
     x0, y0, z0, x1, y1, z1 = (float(bound) for bound in crop)
-    region = _Region((x0, y0, z0, x1, y1, z1), float(lift), GROUND if level else NOTHING)
+    region = _Region((x0, y0, z0, x1, y1, z1), part.lift, GROUND if ground.level else NOTHING)
     dimming = ATTENUATION_PER_M + 2.0 * lidar.extinction, lidar.window**2
     x, y, yaw = ground.pose
     turn = math.cos(yaw) / CELL_M, math.sin(yaw) / CELL_M
     cells = _GroundCells(ground.reflectivity, x / CELL_M, y / CELL_M, *turn)
     factors = np.empty(0)
     if lidar.correction is not None:
-        factors = lidar.correction.factors_of(classes)
+        factors = lidar.correction.factors_of(part.classes)
     chance = _Chance(
         noise=float(lidar.range_noise),
         drop_off=lidar.drop_off,
-        key=key_of(*key),
+        key=key_of(*part.key),
         first_ray=0,
         corrected=lidar.correction is not None,
         factors=factors,

@@ -11,20 +11,20 @@ from lidarplace.base.errors import InputError
 from lidarplace.rigs.lidar import MOST_OFFSET
 
 NEAREST_M = 3.0
-"""Nearer points are of the vehicle, or bent by the receiver's optics."""
+"""Least range of points that are fitted: nearer ones are of the vehicle, or bent by optics."""
 LEAST_POINTS = 50
-"""Of a ring."""
+"""Least number of points of a ring."""
 LEAST_RINGS = 2
 MOST_RINGS = 10_000
 FARTHEST_M = 10_000.0
 MOST_SPREAD_DEG = 0.2
-"""Half of the points of a ring are within so much of its elevation, in the sensor's frame."""
+"""Largest median distance of points from the elevation of their ring, in the sensor's frame."""
 LEAST_OFFSET_M = 0.02
-"""Smaller differences of offsets are those of the fit."""
+"""Least difference of offsets that is not one of the fit."""
 LEAST_STEP = 1e-4
 """Radians between two firings; the returns of one firing are nearer to each other."""
 MOST_STEPS = 3
-"""Between returns; over wide gaps the number of steps is not sure."""
+"""Largest number of steps between returns; over wide gaps it is not sure."""
 SMOOTH_M = 0.15
 """A surface is smooth where its range differs by less over two steps."""
 NOISE_RANGES_M = (3.0, 30.0)

@@ -34,15 +34,16 @@ RIDER_HEIGHT = 1.25
 """A two-wheeler lower than this, in metres, carries nobody: it is parked, or its rider has a label
 of his own. Argoverse 2 has both: 80 % of its bicycles are 1.12 to 1.24 m high."""
 MARGIN_M = (0.07, 0.13, 0.06)
-"""How far the surfaces of cars and trucks are inside of a label: on either end, on either side, at
-the top; metres. With the slant of nose and doors the returns end 0.13 m inside of ends and sides;
-real ones 0.11 and 0.13 m, the top 0.06 m (medians over 43 cars in 3 sweeps of Argoverse 2, 98 %
-quantiles of points in a box). The own body, whose size is known, has no margin."""
+"""Depth of the surfaces of cars and trucks inside of a label: at ends, sides, and top; metres.
+
+With the slant of nose and doors the returns end 0.13 m inside of ends and sides; real ones 0.11 and
+0.13 m, the top 0.06 m (medians over 43 cars in 3 sweeps of Argoverse 2, 98 % quantiles of points in
+a box). The own body, whose size is known, has no margin."""
 _LARGEST_MARGIN = 0.2  # as a share of a side: of boxes that are smaller than any vehicle
 _DRAWS = 5  # uniform numbers of an object: the first chooses a variant
 _MOST_PARTS = 8
 _PROUD = 0.002
-"""How far plates and lamps stand out of the body, as a share of the length: a centimetre."""
+"""Length by which plates and lamps stand out of the body, as a share: a centimetre."""
 _EAVES = 0.82
 """Height of a car's roof over its windows, as a share of its own."""
 
@@ -204,7 +205,7 @@ class Part(NamedTuple):
     side_inset: float
     material: Material
     left: float = 0.0
-    """Of the middle of the part from the middle of the box."""
+    """Offset of the centre of the part from that of the box."""
 
 
 Draw = Callable[[float, float, float, float], Sequence[Part]]

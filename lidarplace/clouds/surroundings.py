@@ -8,7 +8,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.clouds.ground import CELL_M, CELLS, Ground, square
 from lidarplace.clouds.reflectivity import Material, reflectivity, uniforms
 from lidarplace.clouds.shapes import BUILDING, SIGN, Parts, bricks, shapes_of
-from lidarplace.clouds.static_world import WorldAround, worlds_of
+from lidarplace.clouds.worlds import WorldAround, worlds_of
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, check_boxes, full_poses
 
@@ -110,12 +110,12 @@ class Surroundings:
 
     def ground(self, frame: int) -> Ground:
         """Return the ground of a frame; without a pose of the vehicle a place is drawn for it."""
-        cells = square(self._seed)
+        cells, level = square(self._seed), self.world(frame) is None
         if frame in self._poses:
             x, y, yaw = self._poses[frame][1].tolist()
-            return Ground(cells, (x, y, yaw))
+            return Ground(cells, (x, y, yaw), level)
         u, v, turn = uniforms(f"{self._seed}/{frame}", 3, b"ground").tolist()
-        return Ground(cells, (u * CELLS * CELL_M, v * CELLS * CELL_M, turn * 2 * np.pi))
+        return Ground(cells, (u * CELLS * CELL_M, v * CELLS * CELL_M, turn * 2 * np.pi), level)
 
 
 def facades(buildings: NDArray[np.float64], seed: int) -> Parts:

@@ -21,9 +21,10 @@ from lidarplace.clouds.convex import (
 )
 from lidarplace.clouds.raycast import Surfaces
 from lidarplace.clouds.shapes import PANE, Parts
-from lidarplace.clouds.static_world import WorldAround, first_met, worlds_of
+from lidarplace.clouds.static_world import first_met
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.clouds.truncation import truncation
+from lidarplace.clouds.worlds import WorldAround, worlds_of
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, POINTS, count_columns
 from lidarplace.mounting.housing import turned

@@ -11,8 +11,9 @@ from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.surface_cells import SurfaceCells, slices_of
 
 ENOUGH_POINTS = 5
-"""From so many points on an object counts as seen; KITTI's easy objects and nuScenes's filter of
-empty boxes ask for a few points alike."""
+"""Least number of points of an object that counts as seen.
+
+KITTI's easy objects and nuScenes's filter of empty boxes ask for a few points alike."""
 
 
 def per_object(objects: CountedObjects, seen: SurfaceCells) -> pd.DataFrame:

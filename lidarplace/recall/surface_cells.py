@@ -34,7 +34,8 @@ from lidarplace.clouds.raycast import (
     rays_of,
     returns_light,
 )
-from lidarplace.clouds.static_world import WorldAround, Worlds, stop_at_world
+from lidarplace.clouds.static_world import stop_at_world
+from lidarplace.clouds.worlds import WorldAround, Worlds
 from lidarplace.mounting.housing import turned
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount

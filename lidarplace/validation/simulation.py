@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.clouds.own_body import body_parts
-from lidarplace.clouds.raycast import NO_ENDS
+from lidarplace.clouds.raycast import NO_ENDS, cast
 from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.clouds.shapes import Parts
-from lidarplace.clouds.static_world import WorldAround, cast_in_world
+from lidarplace.clouds.static_world import stop_in_world
 from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.clouds.worlds import WorldAround
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.lidar import Lidar
@@ -116,7 +117,9 @@ def rays_on_objects(
     ends: NDArray[np.float64] = NO_ENDS,
 ) -> ObjectRays:
     """Cast a LiDAR without flat ground; arguments as of `cast_in_world`."""
-    hits = cast_in_world(mount, lidar, parts, world, ends=ends, only_objects=True, level=False)
+    hits = cast(mount, lidar, parts, ends=ends, level=False)
+    if world is not None:
+        stop_in_world(mount, lidar, hits, world, only_objects=True, level=False)
     (ray,) = np.nonzero(hits.target >= 0)
     away = hits.range[ray]
     seen = (away >= lidar.min_range) & (away <= lidar.sight(hits.reflected[ray]))

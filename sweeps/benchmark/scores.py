@@ -57,24 +57,19 @@ def _rows(
     values, best, most = reached(metric, population)
     y = values.to_numpy(np.float64)
     x = pd.DataFrame(
-        {
-            name: values_of_rigs[metric].reindex(values.index)
-            for name, values_of_rigs in predicted.items()
-        }
+        {name: table[metric].reindex(values.index) for name, table in predicted.items()}
     )
     lost = {row["surrogate"]: row for row in regrets(best, x).to_dict("records")}
     for name in predicted:
         row: dict[str, object] = {"metric": metric, "population": population, "predictor": name}
         row |= {"rigs": len(y), **most, "takes": "", "right": np.nan, "pairs": 0}
         row |= dict.fromkeys(("rho", "low", "high", *_LOST), np.nan)
-        values_of_rigs = x[name].to_numpy(np.float64)
-        if np.isfinite(values_of_rigs).all():
-            row["rho"] = unit_vectors(values_of_rigs, "spearman") @ unit_vectors(
-                seed_mean(y), "spearman"
-            )
-            row["low"], row["high"] = intervals(values_of_rigs, y, "spearman")
-            definition = SURROGATES.get(name)
-            sense = -1 if definition is not None and definition.direction == "minimize" else 1
+        scores = x[name].to_numpy(np.float64)
+        if np.isfinite(scores).all():
+            row["rho"] = unit_vectors(scores, "spearman") @ unit_vectors(seed_mean(y), "spearman")
+            row["low"], row["high"] = intervals(scores, y, "spearman")
+            surrogate = SURROGATES.get(name)
+            sense = -1 if surrogate is not None and surrogate.direction == "minimize" else 1
             ordered = sense * x[name].reindex(best.sure.index).to_numpy(np.float64)
             row["right"], row["pairs"] = pair_agreement(ordered, best.pairs)
         if name in lost:

@@ -75,8 +75,7 @@ def calibrate(
                 accept=accept,
             )  # fmt: skip
             seen = _of_detections(read)
-        groups = seen.groupby(["class", "iou"], sort=True)
-        checks = [check(group) for _, group in groups if len(group)]
+        checks = [check(rows) for _, rows in seen.groupby(["class", "iou"], sort=True) if len(rows)]
     section = checks_section(checks)
     for part in section.tables:
         words = {part.head[i] for i in part.words}

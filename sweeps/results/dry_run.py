@@ -62,16 +62,11 @@ def describe_dry_run(sweep: Sweep, plan: Plan, store: Store) -> DryRun:
             for rung in sweep.common.promote
         ],
         scenes=[
-            {"scene": label, **dict(zip(counts, trial, strict=True))}
-            for label, trial in frames.items()
+            {"scene": label, **dict(zip(counts, t, strict=True))} for label, t in frames.items()
         ],
         trials=[
-            {
-                "key": trial.key,
-                "label": trial.label,
-                "cached": {t.key for t in trial.results} <= cached,
-            }
-            for trial in plan.trials
+            {"key": t.key, "label": t.label, "cached": {t.key for t in t.results} <= cached}
+            for t in plan.trials
         ],
         requirements=extents(plan.laid),
         anchors=as_plain(plan.typical),

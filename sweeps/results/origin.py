@@ -15,10 +15,11 @@ _SCENE = ("source", "folder", "towns", "seed")
 """Keys of a scene that identify it; the others say how much of it is used."""
 
 
-def check_origin(sweep: Sweep) -> None:
-    """Raise InputError if the run folder has the results of another file, or of another scene.
+def check_origin(sweep: Sweep) -> dict[str, Any]:
+    """Compare the origin of the run folder with that of the sweep, and return both together.
 
-    One that was moved with its folder, or whose file is gone, may continue."""
+    Raises InputError if the folder has the results of another file, or of another scene. One that
+    was moved with its folder, or whose file is gone, may continue."""
     folder, now = sweep.common.output / sweep.common.name, _origin(sweep)
     before = _recorded(folder)
     for key in ("file", *_SCENE):
@@ -37,14 +38,15 @@ def check_origin(sweep: Sweep) -> None:
             found=new,
             fix=f"set another name, such as --set name={sweep.common.name}_2",
         )
+    return before | now
 
 
 def record_origin(sweep: Sweep) -> None:
     """Check the origin, and write what a later command is compared with. Raises InputError."""
-    check_origin(sweep)
+    origin = check_origin(sweep)
     folder = sweep.common.output / sweep.common.name
     folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / FILE, json.dumps(_recorded(folder) | _origin(sweep), indent=1))
+    write_text(folder / FILE, json.dumps(origin, indent=1))
 
 
 def _recorded(folder: Path) -> dict[str, Any]:

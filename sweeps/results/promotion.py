@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from statistics import fmean
 
 import pandas as pd
@@ -108,10 +109,7 @@ def _climb(
         trained = next(r for r in rungs if r >= number)  # of a rung that trains nothing, the next
         contests = [_contest(trials, trained, out) for trials in groups]
         every = (
-            trial
-            for contest in contests
-            for trials_of_placement in contest.values()
-            for trial in trials_of_placement
+            trial for contest in contests for same_rig in contest.values() for trial in same_rig
         )
         ranked_by = (t.results if rung.by in RANKING else (t.pog, *t.scores) for t in every)
         if not run(plan.needed_for(itertools.chain.from_iterable(ranked_by))):
@@ -157,14 +155,11 @@ def _standings(
     if not group:
         return [], {}
     point, axes = next(
-        (t.grid_point.point, _axes(t))
-        for trials_of_placement in group.values()
-        for t in trials_of_placement
+        (t.grid_point.point, _axes(t)) for same_rig in group.values() for t in same_rig
     )
     object_class = rung.object_class or (point.classes[0] if rung.by in OF_CLASSES else _ALL)
     measured = {
-        n: _value_and_seconds(trials_of_placement, rung, object_class, store)
-        for n, trials_of_placement in group.items()
+        n: _value_and_seconds(trials, rung, object_class, store) for n, trials in group.items()
     }
     values = {name: value for name, (value, _) in measured.items()}
     survived = survivors(values, rung.keep, rung.best)
@@ -206,15 +201,13 @@ def _value_and_seconds(
         seconds = math.fsum(trial_seconds(trial, store) for trial in whole)
         if len(whole) < len(trials):  # a mean over the other seeds would compare unlike things
             return math.nan, seconds
-        tables = (store.read(trial.evaluate, lambda found: found.metrics) for trial in whole)
-        return fmean(
-            headline_value(of_surrogate, rung.by, object_class) for of_surrogate in tables
-        ), seconds
+        tables = (store.read(trial.evaluate, attrgetter("metrics")) for trial in whole)
+        return fmean(headline_value(rows, rung.by, object_class) for rows in tables), seconds
     task = trials[0].score_by(rung.by)
     if not store.has(task):
         return math.nan, math.nan
-    table = store.read(task, lambda of_surrogate: of_surrogate.table)
-    of_surrogate = table[table["surrogate"] == rung.by]
+    table = store.read(task, attrgetter("table"))
+    rows = table[table["surrogate"] == rung.by]
     if object_class != _ALL:
-        of_surrogate = of_surrogate[of_surrogate["class"] == object_class]
-    return math.fsum(of_surrogate["value"]), store.record(task).seconds
+        rows = rows[rows["class"] == object_class]
+    return math.fsum(rows["value"]), store.record(task).seconds

@@ -38,11 +38,8 @@ def lidar_models(sweep: Sweep) -> dict[str, tuple[LidarModel, ...]]:
     """Describe the model of every mount, by the placement's name; {} where an axis varies it."""
     if any(axis.partition(".")[0] == "lidar" for axis in sweep.axes):
         return {}
-    points = {grid_point.point.placement: grid_point for grid_point in sweep.points}
-    return {
-        name: _models(sweep, grid_point.point, grid_point.rig)
-        for name, grid_point in points.items()
-    }
+    points = {one.point.placement: one for one in sweep.points}
+    return {name: _models(sweep, one.point, one.rig) for name, one in points.items()}
 
 
 def _models(sweep: Sweep, point: Point, rig: Placement) -> tuple[LidarModel, ...]:
@@ -72,7 +69,7 @@ def write_rigs_page(sweep: Sweep, cautions: list[str]) -> Path:
     """Draw the first `MOST_DRAWN` rigs from above and from the side, below the cautions about them.
 
     Returns the page, which is in the sweep's run folder."""
-    rigs = {grid_point.point.placement: grid_point.rig for grid_point in sweep.points}
+    rigs = {one.point.placement: one.rig for one in sweep.points}
     models = lidar_models(sweep)
     drawn = list(rigs)[:MOST_DRAWN]
     vehicle = sweep.points[0].vehicle
@@ -100,22 +97,22 @@ def rigs_yaml(sweep: Sweep) -> str:
 
     Own placements are in the words of the configuration, those of a recorded rig by coordinates.
     Where an axis varies LiDARs or vehicle, they are those of the first point."""
-    placements = dict(sweep.source.get("placements", {}))
+    by_name = dict(sweep.source.get("placements", {}))
     for name, settings in sweep.common.placements.items():
         if settings.recorded:
-            placements[name] = _of_log(sweep.points[0].point, settings.recorded)
+            by_name[name] = _of_log(sweep.points[0].point, settings.recorded)
     names = dict.fromkeys(point.point.placement for point in sweep.points)
-    for name in names.keys() - placements.keys():
-        placements[name] = {"mounts": [_pose(mount) for mount in PAPER_PLACEMENTS[name].mounts]}
+    for name in names.keys() - by_name.keys():
+        by_name[name] = {"mounts": [_pose(mount) for mount in PAPER_PLACEMENTS[name].mounts]}
     sensor = sweep.points[0].point.lidar.model_dump(
         mode="json", include={*SensorSettings.model_fields}, exclude_unset=True
     )
     vehicle = sweep.points[0].point.model_dump(mode="json", include={"vehicle"}, exclude_unset=True)
     content = {
         **vehicle,
-        **{key: placements for key, placements in sweep.source.items() if key == "requirements"},
+        **{key: sweep.source[key] for key in ("requirements",) if key in sweep.source},
         "lidar": as_written(SensorSettings.model_validate(sensor)),
-        "placements": {name: placements[name] for name in names},
+        "placements": {name: by_name[name] for name in names},
     }
     return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
 
@@ -128,17 +125,14 @@ def _of_log(point: Point, names: tuple[str, ...]) -> dict[str, object]:
     """Describe the LiDARs of a recorded rig with their models, corrected as those of the sweep."""
     assert isinstance(point.scene, LogScene)  # as the rig was built
     rig, correction = point.scene.rig.subset(names), point.lidar.correction
-    corrected_units = () if correction is None else read_correction(correction).lidars
+    units = () if correction is None else read_correction(correction).lidars
     mounts = []
     for name, mount, lidar in zip(
         rig.names, rig.placement.mounts, rig.placement.lidars, strict=True
     ):
         model = _model(lidar)
         if correction is not None:
-            model |= {
-                "correction": correction,
-                **({"unit": name} if name in corrected_units else {}),
-            }
+            model |= {"correction": correction, **({"unit": name} if name in units else {})}
         mounts.append({"name": name, **_pose(mount), "lidar": model})
     return {"mounts": mounts}
 

@@ -43,13 +43,13 @@ def results_of(
     targets = GROUPS.get(named) or [target for target in every if target.name == named]
     chosen: list[tuple[Callable[..., Result], list[Any], Path]] = [(run_case, targets, place)]
     for group, (runner, names) in FURTHER.items():
-        own = [name for name in names if named in (group, f"{group} {name}")]
-        chosen.append((runner, own, place / group))
-    for runner, own, where in chosen:
+        chosen_names = [name for name in names if named in (group, f"{group} {name}")]
+        chosen.append((runner, chosen_names, place / group))
+    for runner, chosen_names, where in chosen:
         if number is None:
-            yield from run_cases(runner, own, seed, count, world, where)
+            yield from run_cases(runner, chosen_names, seed, count, world, where)
         else:
-            yield from (runner(name, seed, number, world, where) for name in own)
+            yield from (runner(name, seed, number, world, where) for name in chosen_names)
 
 
 def main(named: str, count: str = "20", seed: str = "0", number: str | None = None) -> None:

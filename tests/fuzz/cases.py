@@ -65,10 +65,10 @@ def run_case(target: Target, seed: int, number: int, world: Path, place: Path) -
     fitting = BY_SUFFIX.get(path.suffix, ())
     # Most cases are of the kind of the file: its bytes are made wrong in few ways.
     mutations = fitting if fitting and random.random() < 0.75 else mutate_bytes.ANY
-    what = random.choice(mutations)(path, random)
+    change = random.choice(mutations)(path, random)
     outcome = outcome_of(target, path, place)
     shutil.rmtree(place)
-    return Result(target.name, f"{seed} {number}", f"{chosen}: {what}", outcome)
+    return Result(target.name, f"{seed} {number}", f"{chosen}: {change}", outcome)
 
 
 def copied(world: Path, place: Path, parts: Collection[str]) -> None:
@@ -80,7 +80,7 @@ def copied(world: Path, place: Path, parts: Collection[str]) -> None:
 
 
 def outcome_of(target: Target, path: Path, place: Path) -> Outcome:
-    """What the target says in the folder `place`, of which it reads `path` among others."""
+    """Outcome of the target in the folder `place`, of which it reads `path` among others."""
     with contextlib.chdir(place):
         return _outcome(target, path, place)
 
@@ -112,8 +112,8 @@ def run_cases(
 def table(results: Sequence[Result]) -> str:
     """Counts: rows of targets, columns of outcomes."""
     rows = [(result.target, result.outcome.kind) for result in results]
-    found = pd.DataFrame(rows, columns=["target", "outcome"])
-    counts = pd.crosstab(found["target"], found["outcome"], margins=True, margins_name="all")
+    outcomes = pd.DataFrame(rows, columns=["target", "outcome"])
+    counts = pd.crosstab(outcomes["target"], outcomes["outcome"], margins=True, margins_name="all")
     return str(counts.to_string())
 
 

@@ -37,7 +37,7 @@ PLACES: dict[str, tuple[str, tuple[str, ...], Callable[[dict[str, Any]], Any], A
     ),
 }
 """By key: the file, where it is there, and what its classes have."""
-READERS = {own.files: own for own in SETTINGS if own.name != "run command"}
+READERS = {target.files: target for target in SETTINGS if target.name != "run command"}
 
 
 def run_class(key: str, seed: int, number: int, world: Path, place: Path) -> Result:

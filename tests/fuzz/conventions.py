@@ -52,10 +52,10 @@ def in_world(place: bool, shift: bool, yaw: bool, log: BoxLog) -> BoxLog:
 
 
 def copied_route(log: BoxLog) -> BoxLog:
-    """With a test route that is the first one."""
+    """Log with a test route that is the first one."""
     first = log.frames["route"] == 0
-    own = log.boxes["frame"].isin(log.frames["frame"][first])
-    tables = (log.frames[first].assign(route=99, split="test"), log.boxes[own])
+    in_first = log.boxes["frame"].isin(log.frames["frame"][first])
+    tables = (log.frames[first].assign(route=99, split="test"), log.boxes[in_first])
     more = [table.assign(frame=table["frame"] + 1000, scene="copy") for table in tables]
     return replace(
         log,
@@ -67,8 +67,8 @@ def copied_route(log: BoxLog) -> BoxLog:
 def one_off(log: BoxLog) -> BoxLog:
     """Boxes in the frame after theirs."""
     later = boxes(lambda table: {"frame": table["frame"] + 1}, log)
-    there = later.boxes["frame"].isin(log.frames["frame"])
-    return replace(later, boxes=later.boxes[there].reset_index(drop=True))
+    in_log = later.boxes["frame"].isin(log.frames["frame"])
+    return replace(later, boxes=later.boxes[in_log].reset_index(drop=True))
 
 
 def twice(log: BoxLog) -> BoxLog:

@@ -1,4 +1,4 @@
-"""What came of wrong input: done, refused in one line that names the place, or a fault of ours."""
+"""Outcomes of wrong input: done, refused in one line that names the place, or a fault of ours."""
 
 import re
 import resource
@@ -29,7 +29,7 @@ DONE, REFUSED = "done", "refused"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a case.
+    """Outcome of a case.
 
     Attributes:
         kind: `DONE`, `REFUSED`, or the name of a fault.
@@ -92,8 +92,8 @@ def judge_verb(
     if result.stdout:
         return Outcome("printed before it was refused", result.output)
     # Click's own: how the command is called, and the mistake.
-    told = re.sub(r"\AUsage: .*\n(Try .*\n)?\n?", "", result.stderr)
-    return _line(told, places)
+    message = re.sub(r"\AUsage: .*\n(Try .*\n)?\n?", "", result.stderr)
+    return _line(message, places)
 
 
 def judge_reader(read: Callable[[], object], places: Sequence[str]) -> Outcome:
@@ -116,14 +116,14 @@ def _uncaught(error: BaseException) -> Outcome:
     return Outcome(type(error).__name__, "".join(traceback.format_exception(error)))
 
 
-def _line(told: str, places: Sequence[str]) -> Outcome:
-    if told.count("\n") != 1:
-        return Outcome("not one line", told)
-    if len(told) > LONGEST_LINE:
-        return Outcome("a very long line", told)
-    if not any(visible(place) in told or place in ascii(told) for place in places):
-        return Outcome("names no place", told)
-    return Outcome(REFUSED, told.strip())
+def _line(message: str, places: Sequence[str]) -> Outcome:
+    if message.count("\n") != 1:
+        return Outcome("not one line", message)
+    if len(message) > LONGEST_LINE:
+        return Outcome("a very long line", message)
+    if not any(visible(place) in message or place in ascii(message) for place in places):
+        return Outcome("names no place", message)
+    return Outcome(REFUSED, message.strip())
 
 
 def inside(path: Path, folder: Path) -> tuple[str, ...]:

@@ -94,20 +94,20 @@ def run_line(name: str, seed: int, number: int, world: Path, place: Path) -> Res
     (place / "loop").symlink_to("loop")
     (place / "nothing").symlink_to("gone")
     changed = [word for word in words if word not in line.arguments]
-    given = [ascii(text[:40])[1:-1] for word in changed for text in (word, str(Path(word)))]
-    given += [str(Path(word).parent) for word in changed if len(Path(word).parts) > 2]
-    named = (parameter, parameter.upper(), *filter(None, given), *line.arguments, "--")
+    quoted = [ascii(text[:40])[1:-1] for word in changed for text in (word, str(Path(word)))]
+    quoted += [str(Path(word).parent) for word in changed if len(Path(word).parts) > 2]
+    named = (parameter, parameter.upper(), *filter(None, quoted), *line.arguments, "--")
     places = (*named, "No such option", "extra argument", "null byte", "needs the package", "OUT")
     outcome = outcome_of_line(line, words, places, place)
     shutil.rmtree(place)
-    shown = " ".join(repr(word)[:60] for word in words)
-    return Result(name, f"{seed} {number}", shown, outcome)
+    printed = " ".join(repr(word)[:60] for word in words)
+    return Result(name, f"{seed} {number}", printed, outcome)
 
 
 def outcome_of_line(
     line: Target, words: Sequence[str], places: Sequence[str], place: Path
 ) -> Outcome:
-    """What the verb of a line says to `words` in the folder `place`."""
+    """Outcome of the verb of a line for `words` in the folder `place`."""
     stop: AbstractContextManager[object] = contextlib.nullcontext()
     if line.stops_at:
         import_module(line.stops_at.rpartition(".")[0])

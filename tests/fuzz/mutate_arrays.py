@@ -31,21 +31,21 @@ def _other(array: NDArray, random: Random) -> tuple[NDArray, str]:
 
 
 def npz(path: Path, random: Random) -> str:
-    with np.load(path) as found:
-        arrays = {name: found[name] for name in found.files}
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
     name = random.choice(list(arrays))
-    what = random.choice(("changed", "changed", "changed", "left out", "renamed"))
-    if what == "changed":
-        arrays[name], what = _other(arrays[name], random)
+    change = random.choice(("changed", "changed", "changed", "left out", "renamed"))
+    if change == "changed":
+        arrays[name], change = _other(arrays[name], random)
     else:
         taken = arrays.pop(name)
-        if what == "renamed":
+        if change == "renamed":
             arrays[random.choice(("x", "pog", "pog/", "points/nobody"))] = taken
     np.savez(path, **arrays)
-    return f"{name}: {what}"
+    return f"{name}: {change}"
 
 
 def npy(path: Path, random: Random) -> str:
-    array, what = _other(np.load(path), random)
+    array, change = _other(np.load(path), random)
     np.save(path, array)
-    return what
+    return change

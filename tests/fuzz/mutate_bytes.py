@@ -33,9 +33,9 @@ BYTES: dict[str, Callable[[bytes, Random], bytes]] = {
 
 def other_bytes(path: Path, random: Random) -> str:
     """Other content."""
-    what = random.choice(list(BYTES))
-    path.write_bytes(BYTES[what](path.read_bytes(), random))
-    return what
+    change = random.choice(list(BYTES))
+    path.write_bytes(BYTES[change](path.read_bytes(), random))
+    return change
 
 
 def removed(path: Path, random: Random) -> str:
@@ -45,10 +45,10 @@ def removed(path: Path, random: Random) -> str:
 
 def no_file(path: Path, random: Random) -> str:
     """A folder, a link or whatever else takes a name without being a file."""
-    what = random.choice(list(NO_FILES))
+    kind = random.choice(list(NO_FILES))
     path.unlink()
-    NO_FILES[what](path)
-    return what
+    NO_FILES[kind](path)
+    return kind
 
 
 def _socket(path: Path) -> None:

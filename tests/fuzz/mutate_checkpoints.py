@@ -40,7 +40,7 @@ def entries(path: Path, random: Random) -> str:
 
 
 def around(path: Path, random: Random) -> str:
-    """What is beside the tensors."""
+    """Entries other than tensors."""
     content = torch.load(path, weights_only=True)
     key = random.choice([*content, "model_state", "classes"])
     content[key] = value(random)

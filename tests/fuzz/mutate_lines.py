@@ -20,17 +20,17 @@ def field(path: Path, random: Random) -> str:
 def line(path: Path, random: Random) -> str:
     lines = path.read_text().splitlines() or [""]
     row = random.randrange(len(lines))
-    what = random.choice(("left out", "twice", "cut", "longer"))
-    if what == "left out":
+    change = random.choice(("left out", "twice", "cut", "longer"))
+    if change == "left out":
         del lines[row]
-    elif what == "twice":
+    elif change == "twice":
         lines.insert(row, lines[row])
-    elif what == "cut":
+    elif change == "cut":
         lines[row] = lines[row][: len(lines[row]) // 2]
     else:
         lines[row] += " 1 2 3"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return f"line {row + 1} {what}"
+    return f"line {row + 1} {change}"
 
 
 ANY = (field, field, field, line)

@@ -50,7 +50,7 @@ def cell(path: Path, random: Random) -> str:
 
 
 def _numbers(values: list[Any]) -> pd.Series:
-    """As integers if they fit, else as floats."""
+    """Convert to integers if they fit, else to floats."""
     try:
         if all(isinstance(value, int) for value in values):
             return pd.Series(np.array(values, np.int64))

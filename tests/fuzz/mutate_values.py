@@ -22,36 +22,36 @@ def places(tree: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def changed(tree: Any, random: Random) -> tuple[Any, str]:
-    """A copy of the tree with one thing wrong, and what it is."""
+    """Copy the tree with one thing wrong; return it and the change."""
     tree = copy.deepcopy(tree)
-    found = list(places(tree)) if isinstance(tree, dict | list) else []
-    if not found or random.random() < 0.1:
+    positions = list(places(tree)) if isinstance(tree, dict | list) else []
+    if not positions or random.random() < 0.1:
         return value(random), "another document"
-    container, key = random.choice(found)
-    what = random.choice(("replaced", "replaced", "replaced", "left out", "wrapped", "renamed"))
-    if what == "replaced":
+    container, key = random.choice(positions)
+    change = random.choice(("replaced", "replaced", "replaced", "left out", "wrapped", "renamed"))
+    if change == "replaced":
         container[key] = value(random)
-    elif what == "left out":
+    elif change == "left out":
         del container[key]
-    elif what == "wrapped":
+    elif change == "wrapped":
         container[key] = random.choice(([container[key]], {"a": container[key]}))
     elif isinstance(container, dict):
         container[random.choice((*TEXTS, 1, None, True))] = container.pop(key)
     else:
         container.append(container[key])
-    return tree, f"{key!r} {what}"
+    return tree, f"{key!r} {change}"
 
 
 def json_value(path: Path, random: Random) -> str:
-    tree, what = changed(json.loads(path.read_text(encoding="utf-8")), random)
+    tree, change = changed(json.loads(path.read_text(encoding="utf-8")), random)
     path.write_text(json.dumps(tree), encoding="utf-8")
-    return what
+    return change
 
 
 def yaml_value(path: Path, random: Random) -> str:
-    tree, what = changed(yaml.safe_load(path.read_text(encoding="utf-8")), random)
+    tree, change = changed(yaml.safe_load(path.read_text(encoding="utf-8")), random)
     path.write_text(yaml.safe_dump(tree), encoding="utf-8")
-    return what
+    return change
 
 
 SYNTAX = (

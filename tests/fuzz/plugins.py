@@ -130,7 +130,7 @@ def _predict(name: str) -> object:
 
 
 def _in_worker(use: Callable[[str], object], name: str) -> object:
-    """What a worker keeps of an error: exceptions of a network's own code stay as they are."""
+    """Raise what a worker keeps of an error; those of a network stay as they are."""
     try:
         return use(name)
     except Exception as error:
@@ -148,24 +148,24 @@ def run_plugin(kind: str, seed: int, number: int, world: Path, place: Path) -> R
     ways = {"import": ACTS, "call": ACTS, "value": WRONG[kind]}
     if kind in FIELDS:
         ways["field"] = FIELDS[kind]
-    how = random.choice(list(ways))
-    every = ways[how].strip().replace("\n", "; ").split("; ")
+    way = random.choice(list(ways))
+    every = ways[way].strip().replace("\n", "; ").split("; ")
     # A test of a command has streams of its own, which nobody may close.
-    what = random.choice([act for act in every if kind != "reader" or "close" not in act])
-    outcome = outcome_of_plugin(kind, how, what, world, place)
+    misuse = random.choice([act for act in every if kind != "reader" or "close" not in act])
+    outcome = outcome_of_plugin(kind, way, misuse, world, place)
     if outcome.kind == DONE:
-        outcome = Outcome("nonsense was accepted", what)
-    return Result(f"plugins {kind}", f"{seed} {number}", f"{how}: {what}", outcome)
+        outcome = Outcome("nonsense was accepted", misuse)
+    return Result(f"plugins {kind}", f"{seed} {number}", f"{way}: {misuse}", outcome)
 
 
-def outcome_of_plugin(kind: str, how: str, what: str, world: Path, place: Path) -> Outcome:
-    """What comes of it, and whether later code in this process can still print and warn."""
+def outcome_of_plugin(kind: str, way: str, misuse: str, world: Path, place: Path) -> Outcome:
+    """Outcome of a misuse, and whether later code in this process can still print and warn."""
     place.mkdir(parents=True)
     module = f"fuzz_plugin_{next(_numbers)}"
     (place / "log").symlink_to(world / "log")
-    called = RIGHT[kind][0] if how in ("import", "field") else what
-    text = HEAD.format(called=called, imported=what if how == "import" else "")
-    text += TAILS[kind].format(field=what if how == "field" else "")
+    called = RIGHT[kind][0] if way in ("import", "field") else misuse
+    text = HEAD.format(called=called, imported=misuse if way == "import" else "")
+    text += TAILS[kind].format(field=misuse if way == "field" else "")
     (place / f"{module}.py").write_text(text)
     from lidarplace.commands.convert import READERS, app
     from training import NETWORKS
@@ -181,8 +181,8 @@ def outcome_of_plugin(kind: str, how: str, what: str, world: Path, place: Path) 
         patch.dict(PLUGINS, clear=True),
         contextlib.ExitStack() as stack,
     ):
-        for known in registries:
-            stack.enter_context(patch.object(known, "_added", {}))
+        for registry in registries:
+            stack.enter_context(patch.object(registry, "_added", {}))
         if kind == "reader":
             return judge_verb(app, [name, "log", "out"], (module,), (0,))
         try:

@@ -45,22 +45,22 @@ class Target:
 
     @property
     def arguments(self) -> list[str]:
-        """Those of the command line."""
+        """Words of the command line after its verb."""
         return self.line.split()[1:]
 
 
 def app_of(line: str) -> Any:
-    """Of the verb of a command line."""
+    """Application of the verb of a command line."""
     return import_module(VERBS[line.split()[0]].module).app
 
 
 def parts_of(line: str, world: Path) -> set[str]:
-    """What of the world a command line names, and the log, which configurations name."""
+    """Entries of the world that a command line names, and the log that configurations name."""
     return {"log"} | {word.split("/")[0] for word in line.split()} & {*os.listdir(world)}
 
 
 def _nonsense(name: str, world: Path) -> str:
-    """What no box log may hold, looked for without the reader; "" if there is nothing."""
+    """Find what no box log may hold, without the reader; "" if there is nothing."""
     boxes = pd.read_parquet(world / name / "boxes.parquet")
     frames = pd.read_parquet(world / name / "frames.parquet")
     possible = [re.fullmatch(r"\w[\w.-]{0,63}", str(name)) for name in set(boxes["class"])]
@@ -128,8 +128,8 @@ def _network(world: Path) -> object:
     from training import NETWORKS
     from training.detectors.build import PLUG_INS
 
-    for known in (PLUGINS, NETWORKS._added, PLUG_INS._added):
-        known.clear()
+    for cache in (PLUGINS, NETWORKS._added, PLUG_INS._added):
+        cache.clear()
     forget_versions()
     importlib.invalidate_caches()
     sys.modules.pop("fuzz_net", None)

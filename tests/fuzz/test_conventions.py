@@ -16,7 +16,7 @@ from tests.lidarplace.company_table import Manner, mapping_of, write_in_manner
 
 
 def convert(*arguments):
-    """What is said of a table, empty if nothing."""
+    """Message about a table, empty if there is none."""
     result = CliRunner().invoke(app, ["table", *map(str, arguments)])
     assert result.exit_code in (0, 2), result.exception
     assert result.stderr.count("\n") == 1 or result.exit_code == 0
@@ -52,13 +52,13 @@ def check(name, door, poses, seed, folder):
     """The right log passes, the wrong one does not."""
     right = right_log(seed)
     wrong = (CONVENTIONS | OF_TIME | WITH_POSES)[name](right)
-    for log, said in ((right, False), (wrong, True)):
+    for log, expected in ((right, False), (wrong, True)):
         if not poses:
             log = replace(log, frames=log.frames.drop(columns=[*POSE_COLUMNS]))
-        place = folder / str(said)
+        place = folder / str(expected)
         place.mkdir()
         text = DOORS[door](log, place)
-        assert bool(text) == said, (name, door, poses, seed, text)
+        assert bool(text) == expected, (name, door, poses, seed, text)
 
 
 CASES = [

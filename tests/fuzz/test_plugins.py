@@ -7,9 +7,11 @@ from tests.fuzz.judge import DONE
 from tests.fuzz.plugins import RIGHT, outcome_of_plugin, run_plugin
 
 
-@pytest.mark.parametrize(("kind", "what"), [(k, what) for k, own in RIGHT.items() for what in own])
-def test_a_right_plugin_is_done(kind, what, world, tmp_path):
-    outcome = outcome_of_plugin(kind, "value", what, world, tmp_path / "place")
+@pytest.mark.parametrize(
+    ("kind", "value"), [(k, value) for k, values in RIGHT.items() for value in values]
+)
+def test_a_right_plugin_is_done(kind, value, world, tmp_path):
+    outcome = outcome_of_plugin(kind, "value", value, world, tmp_path / "place")
     assert outcome.kind == DONE, outcome.told
 
 

@@ -184,9 +184,9 @@ def _rigs(folder: Path) -> None:
     folder.mkdir()
     model = SensorSettings(name="vlp32c")
     rig = [RigSensor("roof", Mount(z=2.0), model), RigSensor("left", Mount(0, 1, 1), model)]
-    for name, known in FORMATS.items():
-        suffix = ".json" if name in ("carla", "osi") else (*known.suffixes, "")[0]
-        known.write(folder / f"{name}{suffix}", rig)
+    for name, mount_format in FORMATS.items():
+        suffix = ".json" if name in ("carla", "osi") else (*mount_format.suffixes, "")[0]
+        mount_format.write(folder / f"{name}{suffix}", rig)
 
 
 def _tables(folder: Path) -> None:
@@ -231,7 +231,7 @@ def _kitti(folder: Path) -> None:
 
 def write_data_sets(folder: Path, nuscenes: str, argoverse: str, both: bool) -> None:
     """nuScenes and Argoverse 2 at these places below `folder`, Waymo and OpenLABEL; `both`: splits
-    to train and to test where they are files of their own, else one."""
+    to train and to test where they are files of their split, else one."""
     boxes = [nuscenes_layout.Box("vehicle.car", (9.0, 0.0, 1.0))]
     samples = [nuscenes_layout.Sample(5, boxes), nuscenes_layout.Sample(6)]
     scenes = [nuscenes_layout.Scene(f"scene-{n}", samples, f"log-{n}") for n in range(2)]
@@ -241,12 +241,12 @@ def write_data_sets(folder: Path, nuscenes: str, argoverse: str, both: bool) -> 
     poses = dict.fromkeys((5, 6), (level, (0.0, 0.0, 0.0)))
     mounts = {"up_lidar": (level, (1.35, 0.0, 1.64)), "down_lidar": (level, (1.35, 0.0, 1.53))}
     splits = [("train", "log-0"), ("val", "log-1")][not both :]
-    logs = [argoverse_layout.Log(*own, [box, box], poses, [5, 6], mounts) for own in splits]
+    logs = [argoverse_layout.Log(*split, [box, box], poses, [5, 6], mounts) for split in splits]
     argoverse_layout.write_argoverse(folder / argoverse, logs)
     car, poses = waymo_layout.Box(5, 1, (9.0, 0.0, 1.0)), {5: np.eye(4), 6: np.eye(4)}
     of_segment = (poses, [car, car], {1: (np.eye(4), [-0.3, 0.0, 0.1])})
     splits = [("training", "s"), ("validation", "t")][: 1 + both]
-    segments = [waymo_layout.Segment(*own, *of_segment) for own in splits]
+    segments = [waymo_layout.Segment(*split, *of_segment) for split in splits]
     waymo_layout.write_waymo(folder / "waymo", segments)
     (folder / "openlabel").mkdir()
     drive = (MAPS.parent / "openlabel/drive.json").read_text()

@@ -10,7 +10,7 @@ import pytest
 from lidarplace.clouds.collect import SimulatedClouds, collect, crop_for
 from lidarplace.clouds.ground import CELL_M, CELLS, Ground
 from lidarplace.clouds.raycast import GROUND
-from lidarplace.clouds.returns import ATTENUATION_PER_M, LARGEST_ERROR, sample_points
+from lidarplace.clouds.returns import ATTENUATION_PER_M, LARGEST_ERROR, CloudPart, sample_points
 from lidarplace.clouds.shapes import SIGN, bricks
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.logs.box_log import BoxLog
@@ -120,7 +120,7 @@ def test_what_is_too_near_or_too_dark_returns_nothing(limits):
     points = np.empty((lidar.rays, 4), np.float32)
 
     def returned(sensor):
-        count = sample_points(mount, sensor, hits, ground, wide, (0, 2, 0), points)
+        count = sample_points(mount, sensor, hits, ground, wide, CloudPart((0, 2, 0)), points)
         return points[:count].copy()
 
     everything = returned(lidar)
@@ -177,7 +177,8 @@ def returns(mount: Mount, lidar: Lidar, seed: int = 0, parts=None) -> np.ndarray
     points = np.empty((lidar.rays, 4), np.float32)
     white = Ground(np.ones((CELLS, CELLS), np.float32), (0.0, 0.0, 0.0))
     everywhere = (-200.0, -200.0, -50.0, 200.0, 200.0, 50.0)
-    return points[: sample_points(mount, lidar, hits, white, everywhere, (seed, 0, 0), points)]
+    part = CloudPart((seed, 0, 0))
+    return points[: sample_points(mount, lidar, hits, white, everywhere, part, points)]
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.6])

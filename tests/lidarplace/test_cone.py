@@ -62,6 +62,8 @@ def assert_columns_and_voxels_agree(mount, lidar, roi):
 @example(Mount(0.5, 0.25, 1.0, roll=right_angle), Lidar((-0.4, 0.0, 0.4), 720))
 @example(Mount(1.0, 0.0, 5.0, pitch=right_angle), Lidar((0.3,), 720))
 @example(Mount(1.0, 0.0, 1.0, pitch=math.pi), Lidar((-0.3,), 720))
+@example(Mount(1.7, -0.2, 1.1, roll=-0.9, pitch=0.5), Lidar((0.7,), 720))
+@example(Mount(0.2, -0.6, 0.7, roll=-0.3, pitch=-0.3), Lidar((0.8,), 720))
 @settings(max_examples=400)
 def test_columns_and_voxels_agree(mount, lidar):
     assert_columns_and_voxels_agree(mount, lidar, ROI)
@@ -121,6 +123,7 @@ def test_voxels_that_are_not_covered_hold_no_point_of_a_cone(mount, lidar):
         (Mount(-0.3, 0.1, 1.3, roll=0.2), Lidar((-0.3, 0.1), 720)),
         (Mount(0.4, 0.1, 1.3, 0.3, 0.4), Lidar((-0.2,), 720, range=1.7)),
         (Mount(1.4, 0.1, 1.0, 0.1), Lidar((-0.2, 0.9), 720, 1.2, azimuth=(1.0, 5.0))),
+        (Mount(0.4, 0.1, 1.3, 0.3, 0.4), Lidar((-0.2, 0.9), 720, 1.7, azimuth=(-0.4, 0.9))),
     ],
 )
 def test_every_covered_voxel_has_a_point_of_a_cone_at_hand(mount, lidar):

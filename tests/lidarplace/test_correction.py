@@ -15,7 +15,7 @@ from lidarplace.clouds.collect import collect
 from lidarplace.clouds.ground import Ground
 from lidarplace.clouds.raycast import GROUND, expected_share
 from lidarplace.clouds.recorded import check_rig, rig_record
-from lidarplace.clouds.returns import sample_points
+from lidarplace.clouds.returns import CloudPart, sample_points
 from lidarplace.clouds.shapes import SIGN
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.configuration import correction as files
@@ -89,7 +89,7 @@ def share(lidar, name, direction, distance) -> float:
 def returned(lidar, hits, classes, ground, key):
     """Rows of the points that return."""
     points = np.empty((lidar.rays, 4), np.float32)
-    count = sample_points(MOUNT, lidar, hits, ground, WIDE, key, points, 0.0, classes)
+    count = sample_points(MOUNT, lidar, hits, ground, WIDE, CloudPart(key, 0.0, classes), points)
     return points[:count]
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.ground import Ground
 from lidarplace.clouds.raycast import Hits, cast
-from lidarplace.clouds.returns import sample_points
+from lidarplace.clouds.returns import CloudPart, sample_points
 from lidarplace.clouds.shapes import bricks
 from lidarplace.configuration.correction import CorrectionFile
 from lidarplace.configuration.sensor import SensorSettings
@@ -48,7 +48,8 @@ def points_of(mount: Mount, lidar: Lidar, hits: Hits) -> NDArray[np.float32]:
     points = np.empty((lidar.rays, 4), np.float32)
     ground = Ground(np.ones((1024, 1024), np.float32), (0.0, 0.0, 0.0))
     wide = (-99.0, -99.0, -9.0, 99.0, 99.0, 9.0)
-    return points[: sample_points(mount, lidar, hits, ground, wide, (1, 2, 3), points)]
+    part = CloudPart((1, 2, 3))
+    return points[: sample_points(mount, lidar, hits, ground, wide, part, points)]
 
 
 @settings(max_examples=30, deadline=None)

@@ -10,7 +10,7 @@ from lidarplace.clouds.collect import collect
 from lidarplace.clouds.ground import CELL_M, CELLS, square
 from lidarplace.clouds.raycast import GROUND
 from lidarplace.clouds.reflectivity import REFLECTIVITY, Material, reflectivity
-from lidarplace.clouds.returns import ATTENUATION_PER_M, sample_points
+from lidarplace.clouds.returns import ATTENUATION_PER_M, CloudPart, sample_points
 from lidarplace.clouds.shapes import BUILDING, SIGN, bricks
 from lidarplace.clouds.surroundings import Surroundings, facades
 from lidarplace.logs.box_log import BoxLog
@@ -118,7 +118,7 @@ def test_the_ground_stays_where_it_is():
     for frame, (x, y, yaw) in enumerate(poses):
         points = np.empty((lidar.rays, 4), np.float32)
         ground = surroundings.ground(frame)
-        number = sample_points(mount, lidar, hits, ground, everywhere, (0, 0, 0), points)
+        number = sample_points(mount, lidar, hits, ground, everywhere, CloudPart((0, 0, 0)), points)
         points = points[:number].astype(float)
         assert number == (hits.target == GROUND).sum()
         distance = np.hypot(np.hypot(points[:, 0], points[:, 1]), mount.z)

@@ -11,9 +11,10 @@ from lidarplace.base.kernel_cache import njit
 from lidarplace.clouds.collect import collect
 from lidarplace.clouds.raycast import GROUND, NOTHING, cast
 from lidarplace.clouds.shapes import BUILDING, WORLD, bricks
-from lidarplace.clouds.static_world import WorldAround, cast_in_world, stops, worlds_of
+from lidarplace.clouds.static_world import cast_in_world, stop_in_world, stops
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.clouds.visibility import visible_share
+from lidarplace.clouds.worlds import WorldAround, worlds_of
 from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS, BUILDING_COLUMNS
 from lidarplace.logs.world import (
@@ -92,7 +93,8 @@ def test_rays_meet_what_testing_each_against_every_cell_finds(seed):
     assert (targets == WORLD).sum() > 50
     np.testing.assert_array_equal(hits.target, targets)
     np.testing.assert_allclose(hits.range, met, rtol=1e-9)
-    few = cast_in_world(mount, lidar, CAR, around, only_objects=True)
+    few = cast(mount, lidar, CAR, level=False)
+    stop_in_world(mount, lidar, few, around, only_objects=True)
     np.testing.assert_array_equal(few.target >= 0, ours := targets >= 0)
     np.testing.assert_allclose(few.range[ours], met[ours], rtol=1e-9)
 

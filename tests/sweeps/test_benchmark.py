@@ -35,7 +35,7 @@ def study(monkeypatch):
 
 @pytest.fixture
 def two_rigs(monkeypatch):
-    """Of the 41, so that a predictor takes seconds."""
+    """Take two of the 41 rigs, so that a predictor takes seconds."""
     two = "grid.placement=[line, center]"
     monkeypatch.setattr(predictors, "trials", lambda own=(): rigs.trials([*own, two]))
 
@@ -43,9 +43,9 @@ def two_rigs(monkeypatch):
 def truth():
     columns = {}
     for metric in METRICS:
-        own = rigs.of(read("reached"), metric)
-        own = own.pivot(index="placement", columns="seed", values="value")
-        columns[metric] = pd.Series(seed_mean(own.to_numpy()), own.index)
+        values = rigs.of(read("reached"), metric)
+        values = values.pivot(index="placement", columns="seed", values="value")
+        columns[metric] = pd.Series(seed_mean(values.to_numpy()), values.index)
     return pd.DataFrame(columns)
 
 
@@ -58,16 +58,16 @@ def test_tables_of_the_package_are_those_of_the_study(study):
 
 
 def test_populations_are_all_rigs_once():
-    found = populations()
+    counted = populations()
     origins = ("paper's", "random", "optimised", "other LiDARs")
-    assert [len(found[name]) for name in origins] == [8, 20, 5, 8]
-    assert sorted(rig for name in origins for rig in found[name]) == sorted(found["all"])
-    assert len(found["same LiDARs"]) == 33
+    assert [len(counted[name]) for name in origins] == [8, 20, 5, 8]
+    assert sorted(rig for name in origins for rig in counted[name]) == sorted(counted["all"])
+    assert len(counted["same LiDARs"]) == 33
 
 
 def test_what_the_package_has_of_predictors_is_what_they_say(two_rigs, study):
-    known, _ = built_in()
-    assert set(known) == {*BUILT_IN, *study.PEERS, "generalist", "pretrained"}
+    stored, _ = built_in()
+    assert set(stored) == {*BUILT_IN, *study.PEERS, "generalist", "pretrained"}
     for name in (
         "s_mig",
         "expected_recall",
@@ -75,17 +75,17 @@ def test_what_the_package_has_of_predictors_is_what_they_say(two_rigs, study):
         "expected_ap",
         "ground_uniformity",
     ):
-        found = predict(study.PEERS.get(name, name))[0]
-        own = known[name].loc[found.index]
-        pd.testing.assert_frame_equal(found, own, check_names=False, rtol=1e-9)
+        predicted = predict(study.PEERS.get(name, name))[0]
+        expected = stored[name].loc[predicted.index]
+        pd.testing.assert_frame_equal(predicted, expected, check_names=False, rtol=1e-9)
 
 
 @pytest.mark.long
 def test_the_weights_of_the_package_are_those_of_the_table(two_rigs):
-    known, _ = built_in()
-    found = predict("pretrained")[0]
+    stored, _ = built_in()
+    predicted = predict("pretrained")[0]
     # Points of percent; other processors round otherwise.
-    difference = (found - known["pretrained"].loc[found.index]).abs()
+    difference = (predicted - stored["pretrained"].loc[predicted.index]).abs()
     assert difference.to_numpy().max() < 0.5
 
 
@@ -140,12 +140,12 @@ def module(tmp_path, monkeypatch):
 
 
 def test_a_function_of_ones_own(module, two_rigs):
-    found = predict("placing_own:heights")[0]
-    assert found.loc["center"].nunique() == 1
-    assert found.loc["line", "Car AP @ 0.7"] == pytest.approx(4 * 2.2)
-    found = predict("placing_own:by_class")[0]
-    assert found[["Ped. AP", "Cyc. AP"]].isna().all(axis=None)
-    assert found["recall of all"].notna().all()
+    predicted = predict("placing_own:heights")[0]
+    assert predicted.loc["center"].nunique() == 1
+    assert predicted.loc["line", "Car AP @ 0.7"] == pytest.approx(4 * 2.2)
+    predicted = predict("placing_own:by_class")[0]
+    assert predicted[["Ped. AP", "Cyc. AP"]].isna().all(axis=None)
+    assert predicted["recall of all"].notna().all()
 
 
 @pytest.mark.parametrize(
@@ -184,9 +184,9 @@ def test_a_generalist_is_judged_on_the_test_frames(tmp_path, two_rigs, monkeypat
     few = log.frames.iloc[::400]
     log = type(log)(log.boxes[log.boxes["frame"].isin(few["frame"])], few, log.buildings)
     monkeypatch.setattr(predictors, "log_of", lambda split: log)
-    of_rig, found = predictors.resolved(str(tmp_path / "g.pt"))
-    assert {*of_rig(found["line"])} == {*METRICS}
-    errors = found["line"].evaluate.inputs[1].stage.errors
+    of_rig, trials = predictors.resolved(str(tmp_path / "g.pt"))
+    assert {*of_rig(trials["line"])} == {*METRICS}
+    errors = trials["line"].evaluate.inputs[1].stage.errors
     assert (errors.offset, errors.angle) == (0.01, pytest.approx(np.radians(0.5)))
 
 
@@ -201,6 +201,6 @@ def test_what_the_command_prints(module, monkeypatch):
 def test_tables_of_the_page_are_what_the_command_prints():
     page = (ROOT / "docs" / "benchmark.md").read_text(encoding="utf-8")
     values, seconds = built_in()
-    found = scores(values, HEADLINES)
+    computed = scores(values, HEADLINES)
     for metric in HEADLINES:
-        assert f"### {metric}\n\n{markdown_table(found, seconds, metric)}\n" in page
+        assert f"### {metric}\n\n{markdown_table(computed, seconds, metric)}\n" in page

@@ -82,8 +82,8 @@ def detect(config):
 def keep(store, detections):
     for trial, boxes in detections:
         score = np.random.default_rng(2).random(len(boxes))
-        own = boxes[["frame", "class", *GEOMETRY]].assign(score=score)
-        store.save(trial.evaluate, result(detections=own), 0.0)
+        scored = boxes[["frame", "class", *GEOMETRY]].assign(score=score)
+        store.save(trial.evaluate, result(detections=scored), 0.0)
 
 
 def run(*words, code=0):
@@ -101,10 +101,7 @@ def test_the_curve_behind_the_detections_is_found(config, tmp_path):
     out = tmp_path / "curves.json"
     assert "6 of 6 trials are evaluated" in run(config, "--out", out)
     curves = read_curves(out)
-    assert {(group.object_class, group.iou) for group in curves.curves} == {
-        ("Car", 0.5),
-        ("Car", 0.7),
-    }
+    assert {(c.object_class, c.iou) for c in curves.curves} == {("Car", 0.5), ("Car", 0.7)}
     assert curves.of("Car", 0.7).most == pytest.approx(MOST, abs=0.04)
     assert curves.of("Car", 0.7).rate == pytest.approx(RATE, rel=0.15)
     rigs = rigs_of(plan.trials, store)
@@ -114,7 +111,7 @@ def test_the_curve_behind_the_detections_is_found(config, tmp_path):
     center = seen[(seen["rig"] == "center") & (seen["iou"] == 0.5)].set_index("object_id")
     found_ids = [set(boxes["object_id"]) for trial, boxes in every if "center" in trial.label]
     for object_id, row in center.iterrows():
-        assert row["found"] == np.mean([object_id in group for group in found_ids])
+        assert row["found"] == np.mean([object_id in ids for ids in found_ids])
     group = seen[seen["iou"] == 0.7]
     checked = check(group)
     assert checked.rigs == 3

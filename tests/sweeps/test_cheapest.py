@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,9 +19,11 @@ from lidarplace import Lidar, Mount
 from lidarplace.configuration.placement import read_placement
 from lidarplace.requirements.check_requirements import check_requirements
 from sweeps.commands.cheapest import app
-from sweeps.search.cheapest.choose import _Work, cheapest, cost_of
+from sweeps.search.cheapest import polish as polish_module
+from sweeps.search.cheapest.choose import _Work, cheapest
 from sweeps.search.cheapest.polish import needed_for, polish
 from sweeps.search.cheapest.result import proof
+from sweeps.search.cheapest.rig_check import cost_of
 from sweeps.search.greedy.candidates import candidates_of
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.generalist_trials import trials_of_rigs
@@ -229,6 +232,20 @@ def test_refinement_leaves_out_what_is_not_needed(tmp_path):
     rig = polish(problem, ordered([*wide.values()][::2]), None)
     assert len(rig) == 1
     assert needed_for(problem, rig, None) == ["somebody ahead"]
+
+
+def test_refinement_ends_in_time(tmp_path, monkeypatch):
+    keys = SMALL | {"requirements": [ONE], "cheapest": {"by": "height", "seconds": 0.5}}
+    problem = read_problem(write_search(tmp_path, search=keys))
+    rig, latest = cheapest(problem).rig, time.monotonic() + 60
+
+    def endless(problem, rig):
+        assert time.monotonic() < latest
+        yield rig
+
+    monkeypatch.setattr(polish_module, "_cheaper", endless)
+    monkeypatch.setattr(polish_module, "check_rig", lambda *_: SimpleNamespace(broken=(), margin=1))
+    assert len(polish(problem, rig, None)) == len(rig)
 
 
 def test_none_is_feasible(tmp_path):

@@ -1,4 +1,4 @@
-"""A generalist's judgement: the same as that of clouds that are kept, and of all frames at once."""
+"""A generalist's detections are those of kept clouds, and of all frames at once."""
 
 import pandas as pd
 import pytest

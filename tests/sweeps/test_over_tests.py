@@ -1,4 +1,4 @@
-"""What a rig is worth in several tests, by hand; and of few frames, where the truth is known."""
+"""Worth of a rig in several tests, by hand; and of few frames, where the truth is known."""
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,7 @@ def metrics(values, truths):
 
 
 def left_out(values):
-    """Of two routes; one row of the first metric and one of the last each, and two of nothing."""
+    """Make rows of the first and the last metric for each of two routes and for nothing."""
     rows = [(*ROWS[i], "route", name, 3) for i in (0, 2) for name in "ab"]
     rows += [(*ROWS[i], "nothing", "", 0) for i in (0, 2)]
     columns = ["class", "metric", "iou", "unit", "left_out", "ground_truths"]

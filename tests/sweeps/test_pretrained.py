@@ -49,7 +49,7 @@ def write(folder, content, **changes):
     return write_sweep(folder, name, **content | changes)
 
 
-def judged(folder, **changes):
+def evaluated_sweep(folder, **changes):
     """A sweep that is evaluated by the file."""
     training = {"checkpoint": str(folder / "base.pt")}
     grid = {"placement": ["line", "square"]}
@@ -68,7 +68,7 @@ def test_the_file_says_what_it_was_trained_on(folder):
 
 
 def test_a_sweep_trains_nothing_and_python_finds_the_same(folder):
-    path = judged(folder)
+    path = evaluated_sweep(folder)
     plan = make_plan(read_sweep(path))
     assert {task.stage.name for task in plan.tasks} >= {"pretrained", "evaluate"}
     assert not {"finetune", "pretrain", "probe"} & {task.stage.name for task in plan.tasks}
@@ -91,7 +91,7 @@ def test_other_weights_are_other_results(folder):
     save_checkpoint(folder / "other.pt", content)
 
     def keys(name):
-        path = judged(folder, training={"checkpoint": str(folder / name)})
+        path = evaluated_sweep(folder, training={"checkpoint": str(folder / name)})
         return {task.stage.name: task.key for task in make_plan(read_sweep(path)).tasks}
 
     one, other = keys("base.pt"), keys("other.pt")
@@ -124,7 +124,7 @@ def search(folder, **changes):
 
 
 @pytest.mark.usefixtures("two_peers")
-def test_a_search_is_judged_by_the_file(folder):
+def test_a_search_is_evaluated_by_the_file(folder):
     path = search(folder)
     result = call(app, "search", path)
     assert "robustness: not computed: no objective is a surrogate" in result.output
@@ -149,11 +149,11 @@ def test_a_second_round_is_evaluated_by_weights_trained_near_the_best(folder):
     assert [np.round(item, 3).tolist() for item in mounts] == [
         np.round(rig.mounts, 3).tolist() for rig in best[:2]
     ], "it starts from the best"
-    stages = [folder / "runs" / "store" / stage for stage in ("pretrain", "judge")]
+    stages = [folder / "runs" / "store" / stage for stage in ("pretrain", "detect")]
     before = {path: path.stat().st_mtime_ns for item in stages for path in item.glob("*")}
     call(app, *command)
     after = {path: path.stat().st_mtime_ns for item in stages for path in item.glob("*")}
-    assert after == before, "the same command trains and judges nothing again"
+    assert after == before, "the same command trains and evaluates nothing again"
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_the_demo_and_its_search_fit_the_file_of_the_package():
 
 def test_settings_of_a_training_decide_nothing_of_a_rig_that_is_not_trained_for(folder):
     def key(**training):
-        path = judged(folder, training={"checkpoint": str(folder / "base.pt"), **training})
+        path = evaluated_sweep(folder, training={"checkpoint": str(folder / "base.pt"), **training})
         return make_plan(read_sweep(path)).trials[0].evaluate.key
 
     assert key() == key(rotation=0.1, epochs=3, lr=0.1)

@@ -73,7 +73,7 @@ def mounts_of(plan, name):
 
 
 def read_with(ap, folder, *values, **changes):
-    """As `read`, with an AP of each placement."""
+    """Read the sweep as `read` does, with an AP of each placement."""
     sweep, plan = read(folder, **changes)
     for name, value in zip(PLACEMENTS, values, strict=True):
         ap[mounts_of(plan, name)] = lambda seed, epochs, own=value: own + seed + epochs / 10
@@ -103,8 +103,8 @@ def test_cheap_stages_for_all_and_full_trainings_for_the_best(tmp_path, quick):
     values = {}
     for trial in plan.trials:
         surrogates = store.load(trial.surrogates).table
-        own = surrogates[surrogates["surrogate"] == "covered_entropy"]["value"]
-        values[trial.grid_point.point.placement] = math.fsum(own)
+        entropies = surrogates[surrogates["surrogate"] == "covered_entropy"]["value"]
+        values[trial.grid_point.point.placement] = math.fsum(entropies)
     assert dict(zip(first["placement"], first["value"], strict=True)) == values
     best = sorted(values, key=values.get, reverse=True)
     assert set(first.loc[first["kept"], "placement"]) == set(best[:3])
@@ -127,13 +127,13 @@ def test_cheap_stages_for_all_and_full_trainings_for_the_best(tmp_path, quick):
 def test_the_outcome_is_the_same_after_a_stop(tmp_path, quick):
     ap, trained = quick
     sweep, plan = read_with(ap, tmp_path, 1.0, 2.0, 1.0, 1.0)
-    store, outcome, given = Store(tmp_path / "stopped"), Outcome(), 0
+    store, outcome, calls = Store(tmp_path / "stopped"), Outcome(), 0
 
     def stop_soon(tasks):
-        nonlocal given
-        given += 1
-        execute(tasks[: 5 if given > 1 else None], store, InProcess(), Quiet(), outcome)
-        return given < 2
+        nonlocal calls
+        calls += 1
+        execute(tasks[: 5 if calls > 1 else None], store, InProcess(), Quiet(), outcome)
+        return calls < 2
 
     stopped = promote(sweep, plan, store, stop_soon)
     assert not stopped.complete
@@ -184,11 +184,11 @@ def test_a_failed_surrogate_is_a_failure_and_no_verdict(tmp_path, quick, monkeyp
     monkeypatch.setattr(SurrogatesStage, "run", fail)
     promotion, _, outcome = run(sweep, plan, tmp_path)
     name = first.grid_point.point.placement
-    own = [t for t in plan.trials if t.grid_point.point.placement == name]
-    assert not any(trial.key in promotion.pruned for trial in own)
-    assert all(trial_failure(trial, outcome.failures) for trial in own)
+    trials = [t for t in plan.trials if t.grid_point.point.placement == name]
+    assert not any(trial.key in promotion.pruned for trial in trials)
+    assert all(trial_failure(trial, outcome.failures) for trial in trials)
     assert trained, "the others go on"
-    assert not {t.finetune.key for t in own} & set(outcome.times)
+    assert not {t.finetune.key for t in trials} & set(outcome.times)
 
 
 def test_placements_compete_within_a_detector(tmp_path, quick):
@@ -196,8 +196,8 @@ def test_placements_compete_within_a_detector(tmp_path, quick):
     grid = SWEEP["grid"] | {"detector": ["pointpillars_tiny", "second_tiny"]}
     sweep, plan = read_with(ap, tmp_path, 4.0, 3.0, 2.0, 1.0, grid=grid)
     table = run(sweep, plan, tmp_path)[0].table()
-    kept = table[table["kept"]].groupby(["rung", "detector"]).size()
-    assert kept.to_dict() == {(n, d): (3, 1)[n] for n in (0, 1) for d in grid["detector"]}
+    counts = table[table["kept"]].groupby(["rung", "detector"]).size()
+    assert counts.to_dict() == {(n, d): (3, 1)[n] for n in (0, 1) for d in grid["detector"]}
 
 
 def test_the_plan_counts_what_promotion_leaves(tmp_path):
@@ -213,12 +213,12 @@ finite = st.floats(-1e300, 1e300)
 @given(st.lists(finite | st.just(math.nan), max_size=30), st.integers(1, 12), st.booleans())
 def test_survivors_are_the_best(values, keep, highest):
     named = {str(i): value for i, value in enumerate(values)}
-    found = survivors(named, keep, "maximize" if highest else "minimize")
-    known = {name: value for name, value in named.items() if math.isfinite(value)}
-    assert found <= set(known)
-    assert len(found) >= min(keep, len(known))
-    order = sorted(known.values(), reverse=highest)
-    if len(known) > keep:
+    best = survivors(named, keep, "maximize" if highest else "minimize")
+    finite_values = {name: value for name, value in named.items() if math.isfinite(value)}
+    assert best <= set(finite_values)
+    assert len(best) >= min(keep, len(finite_values))
+    order = sorted(finite_values.values(), reverse=highest)
+    if len(finite_values) > keep:
         last = order[keep - 1]
         better = (lambda v: v >= last) if highest else (lambda v: v <= last)
-        assert found == {name for name, value in known.items() if better(value)}
+        assert best == {name for name, value in finite_values.items() if better(value)}

@@ -48,25 +48,21 @@ def test_the_example():
     """Both rigs see pedestrians with any one LiDAR dead; neither a child right behind the car."""
     result = run(EXAMPLE, "--json")
     assert result.exit_code == 1, result.output
-    content = json.loads(result.stdout)
-    met = {
-        (outcome["rig"], outcome["requirement"]): outcome["met"] for outcome in content["outcomes"]
-    }
+    outcomes = json.loads(result.stdout)["outcomes"]
+    met = {(case["rig"], case["requirement"]): case["met"] for case in outcomes}
     assert {rig for rig, _ in met} == {"line", "corners"}
     assert met["line", "pedestrians all around"]
     assert met["corners", "pedestrians all around"]
     assert met["corners", "the ground around"]
     assert not met["line", "the ground around"]
-    behind = next(
-        outcome for outcome in content["outcomes"] if outcome["requirement"] == "a child behind"
-    )
+    behind = next(case for case in outcomes if case["requirement"] == "a child behind")
     assert not behind["met"]
     assert behind["cases"][0]["short_by"] == 10
     assert -3.35 <= behind["cases"][0]["x"] <= -2.55, "close to the rear"
     table = pd.read_csv("requirements.csv")
-    assert len(table) == sum(len(outcome["cases"]) for outcome in content["outcomes"])
+    assert len(table) == sum(len(outcome["cases"]) for outcome in outcomes)
     for column, key in (("value", "value"), ("heading_deg", "heading_deg"), ("met", "met")):
-        values = [case[key] for outcome in content["outcomes"] for case in outcome["cases"]]
+        values = [case[key] for outcome in outcomes for case in outcome["cases"]]
         np.testing.assert_array_equal(table[column], np.array(values, table[column].dtype))
     page = Path("requirements.html").read_text(encoding="utf-8")
     assert "corners · a child behind: FAILED" in page

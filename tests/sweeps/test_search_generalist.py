@@ -37,7 +37,9 @@ def written(folder, **changes):
 
 
 @pytest.mark.usefixtures("two_peers")
-def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(tmp_path, monkeypatch):
+def test_one_training_evaluates_all_and_a_resumed_search_evaluates_nothing_again(
+    tmp_path, monkeypatch
+):
     def height(objective, classes, metrics):  # a tiny training finds nothing
         return float(metrics.attrs["height"])
 
@@ -59,9 +61,9 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(tmp_p
     assert (~table["feasible"]).any()
     value = feasible["value.generalist.recall"]
     np.testing.assert_allclose(value, 10 * feasible["lidar_1.z_m"], atol=1e-9)
-    judged = list(store.glob("judge/*"))
+    detections = list(store.glob("detect/*"))
     # The first portion of all, the others of those that lead alone.
-    assert len(feasible) < len(judged) < by_generalist.PORTIONS * len(feasible)
+    assert len(feasible) < len(detections) < by_generalist.PORTIONS * len(feasible)
     before = {p: p.stat().st_mtime_ns for p in store.rglob("*") if p.is_file()}
     (folder / "optuna.journal").unlink()  # a search that lost its trials finds its detections
     run_search(path)
@@ -169,12 +171,12 @@ def test_the_generalist_is_the_same_in_all_traffic_and_every_rig_is_off_alike(tm
     problem = simulated(tmp_path, traffic={"search": {"scene.density": 40}})
     trained = generalists(problem)
     rigs = {f"judged_{i}": rig for i, rig in enumerate(problem.paper_rigs().values())}
-    judged = trials_of_rigs(problem, trained, rigs, problem.tests.search)
+    trials = trials_of_rigs(problem, trained, rigs, problem.tests.search)
     (generalist,) = trained.values()
     scenes = [scene for clouds in generalist.inputs for scene in clouds.inputs]
     assert {scene.stage.recording.scene.density for scene in scenes} == {80}
     shifts = []
-    for name, (of_seed,) in judged.items():
+    for name, (of_seed,) in trials.items():
         exact = [choice.mount for choice in rigs[name]]
         assert all(trial.evaluate.inputs[0] is generalist for trial in of_seed)
         clouds = [next(t for t in r.evaluate.inputs if t.stage.name == "collect") for r in of_seed]

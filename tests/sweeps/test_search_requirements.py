@@ -103,16 +103,12 @@ def test_positions_that_have_enough_break_ties_for_the_sampler(tmp_path):
     models = {"small": "vlp16"}
     problem = problem_of(tmp_path, requirements=[HIDDEN], objective="margin", models=models)
     places = [[Mount(x, y, 2.0) for y in (-0.5, 0.5)] for x in (-0.5, 0.0, 0.5)]
-    rigs = [
-        tuple(MountedLidar("small", "roof", mount) for mount in assessment) for assessment in places
-    ]
+    rigs = [tuple(MountedLidar("small", "roof", mount) for mount in mounts) for mounts in places]
     name = "requirement.a child behind"
-    assessments = [assess(rig, problem.criteria, Traffic({}, None)) for rig in rigs]
-    assert {
-        (assessment.violations[name], assessment.values["margin"]) for assessment in assessments
-    } == {(10.0, 0.0)}
-    enough = [assessment.measures[f"enough.{name}"] for assessment in assessments]
-    violations = [assessment.sampler_violations[name] for assessment in assessments]
+    results = [assess(rig, problem.criteria, Traffic({}, None)) for rig in rigs]
+    assert {(r.violations[name], r.values["margin"]) for r in results} == {(10.0, 0.0)}
+    enough = [result.measures[f"enough.{name}"] for result in results]
+    violations = [result.sampler_violations[name] for result in results]
     assert len(set(enough)) == 3
     assert np.argsort(violations).tolist() == np.argsort(enough)[::-1].tolist()
 

@@ -43,12 +43,9 @@ def test_families_are_rigs_of_the_space(seed, number, symmetric):
     models = dict.fromkeys(("a", "b"), Lidar.paper())
     params = family_params(space, models, 24, seed)
     for parameters in params:
-        distributions = space.distributions(space.counts_per_zone(parameters))
-        assert parameters.keys() - space.count_ranges.keys() == distributions.keys()
-        assert all(
-            distributions[key]._contains(distributions[key].to_internal_repr(parameters[key]))
-            for key in distributions
-        )
+        spans = space.distributions(space.counts_per_zone(parameters))
+        assert parameters.keys() - space.count_ranges.keys() == spans.keys()
+        assert all(s._contains(s.to_internal_repr(parameters[key])) for key, s in spans.items())
     sizes = [len(space.rig(parameters)) for parameters in params]
     assert set(sizes) == set(range(1, number + 1))
     assert family_params(space, models, 12, seed) == params[:12], "more continue fewer"
@@ -114,9 +111,8 @@ def test_what_cannot_vary_is_no_parameter():
     assert space.distributions((1,)) == {}
     rig, params = random_rig(space, 0)
     assert params == {}
-    assert rig == (
-        MountedLidar("lidar", "point", Mount(0, 0.1, 2, roll=round(5 * math.pi / 180, 4))),
-    )
+    roll = round(5 * math.pi / 180, 4)
+    assert rig == (MountedLidar("lidar", "point", Mount(0, 0.1, 2, roll=roll)),)
 
 
 def test_rigs_that_differ_in_order_are_one():

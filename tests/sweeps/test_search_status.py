@@ -150,7 +150,4 @@ def test_the_plan_as_json(path):
     plan = json.loads(call(search_app, path, "--dry-run", "--json").stdout)
     assert (plan["name"], plan["trials"], plan["lidars"]) == ("small", 8, [2, 2])
     assert plan["objectives"] == [{"name": "expected_ig", "best": "maximize"}]
-    assert [constraint["name"] for constraint in plan["constraints"]] == [
-        "blind_lidars",
-        "distance",
-    ]
+    assert [limit["name"] for limit in plan["constraints"]] == ["blind_lidars", "distance"]

@@ -1,4 +1,4 @@
-"""What reaches MLflow: every trial with a result once, whoever finished it, and failures."""
+"""Trials that reach MLflow: every trial with a result once, whoever finished it, and failures."""
 
 import struct
 from io import StringIO

@@ -35,11 +35,12 @@ BODY = [[[-2.0, -0.9, 0.2], [2.0, 0.9, 1.5]]]
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("sweep")
-    own = {"grid": {"placement": ["center", "line"], "detector": ["pointpillars_tiny"]}}
-    own |= {"classes": ["Car", "Pedestrian"], "surrogate": {"resolution": 0.8}}  # with all studies
+    config = {"grid": {"placement": ["center", "line"], "detector": ["pointpillars_tiny"]}}
+    # With all studies.
+    config |= {"classes": ["Car", "Pedestrian"], "surrogate": {"resolution": 0.8}}
     near = {"name": "near", "where": {"x": [3, 5], "y": [-1, 1]}, "what": "Car", "step": 1.0}
-    own |= {"vehicle": BODY, "requirements": [near | {"at_least": {"points": 1}}]}
-    sweep = read_sweep(write_sweep(path, "small.yaml", **own))
+    config |= {"vehicle": BODY, "requirements": [near | {"at_least": {"points": 1}}]}
+    sweep = read_sweep(write_sweep(path, "small.yaml", **config))
     return ran(sweep, path)[-1]
 
 
@@ -63,7 +64,7 @@ def test_tables_have_the_columns_that_their_models_tell(folder):
     ids=lambda value: getattr(value, "name", ""),
 )
 def test_rows_of_settings_that_differ_are_told_apart(table, stages):
-    """Of all keys that decide what a row says, the axes are columns; or rows were there twice."""
+    """Axes are columns for all keys that decide what a row says; or rows were there twice."""
     keys = {key.partition(".")[0] for stage in stages for key in stage.config_keys()}
     assert keys - {"placement", "classes"} <= set(table.axes)
 
@@ -74,14 +75,14 @@ def test_rows_that_trials_share_in_part_are_there_once():
     rows = pd.DataFrame({"split": ["test", "train"], "object_id": [1, 2]})
     point = SimpleNamespace(placement="line", detector_name="second", seed=0)
     trial = SimpleNamespace(key="a", grid_point=SimpleNamespace(point=point, axes={}))
-    found = [(trial, [tested], lambda: rows[:1]), (trial, [tested, trained], lambda: rows)]
-    pd.testing.assert_frame_equal(_once(INDIVIDUALS, (), found), rows)
+    parts = [(trial, [tested], lambda: rows[:1]), (trial, [tested, trained], lambda: rows)]
+    pd.testing.assert_frame_equal(_once(INDIVIDUALS, (), parts), rows)
 
 
 def test_individuals_of_both_splits_are_counted_once(folder):
-    found = pd.read_parquet(folder / "individuals.parquet")
+    table = pd.read_parquet(folder / "individuals.parquet")
     # Four cars in every frame; three frames to train, one to test.
-    by_split = {split: own["boxes"].tolist() for split, own in found.groupby("split")}
+    by_split = {split: rows["boxes"].tolist() for split, rows in table.groupby("split")}
     assert by_split == {"test": [1] * 4, "train": [3] * 4}
     results = pd.read_parquet(folder / "results.parquet")
     cars = results.loc[results["class"] == "Car", "ground_truths"]
@@ -95,8 +96,8 @@ def test_what_hangs_on_each_individual_stands_beside_the_results_and_the_vehicle
     assert run.left_out is not None
     keys = ["trial", "placement", "detector", "seed", "class", "metric", "iou"]
     assert not run.left_out.duplicated([*keys, "unit", "left_out"]).any()
-    known = run.results[run.results["value"].notna()].set_index(keys).index
-    assert set(run.left_out.set_index(keys).index) == set(known)
+    finite = run.results[run.results["value"].notna()].set_index(keys).index
+    assert set(run.left_out.set_index(keys).index) == set(finite)
     cars = run.left_out[(run.left_out["class"] == "Car") & (run.left_out["metric"] == "recall")]
     of_unit = cars.groupby(["unit", "trial", "iou"])["ground_truths"].sum()
     assert set(of_unit.index.get_level_values("unit")) == {"route", "individual", "nothing"}
@@ -105,19 +106,19 @@ def test_what_hangs_on_each_individual_stands_beside_the_results_and_the_vehicle
 
 
 def test_found_objects_make_the_recall_of_their_class(folder):
-    objects, found = (pd.read_parquet(folder / f"{name}.parquet") for name in ("objects", "found"))
+    objects, hits = (pd.read_parquet(folder / f"{name}.parquet") for name in ("objects", "found"))
     results = pd.read_parquet(folder / "results.parquet").query("metric == 'class_recall_3D'")
     recall = results[(results["class"] == "Car") & (results["iou"] == 0.7)].set_index("trial")
-    own = found.merge(objects, on="object")
-    assert len(own) == 2 * 4
-    mean = 100 * own.groupby("trial")["found"].mean()
+    merged = hits.merge(objects, on="object")
+    assert len(merged) == 2 * 4
+    mean = 100 * merged.groupby("trial")["found"].mean()
     assert mean.to_dict() == pytest.approx(recall["value"].to_dict())
     points = pd.read_parquet(folder / "points.parquet")
-    by_rig = own.merge(results[["trial", "placement"]].drop_duplicates()).groupby("placement")
+    by_rig = merged.merge(results[["trial", "placement"]].drop_duplicates()).groupby("placement")
     total = (points["mean"] * points["objects"]).groupby(points["placement"]).sum()
     assert by_rig["points"].sum().to_dict() == pytest.approx(total.to_dict())
-    assert (own["visibility"] > 0).all()
-    assert set(own["frame"]) == {3}
+    assert (merged["visibility"] > 0).all()
+    assert set(merged["frame"]) == {3}
 
 
 def test_frames_have_the_points_on_objects_and_the_detections_that_were_evaluated(folder):
@@ -127,27 +128,27 @@ def test_frames_have_the_points_on_objects_and_the_detections_that_were_evaluate
     run = RunFolder.read(folder)
     run.found["found"] = run.found["object"] == 2
     run.found.loc[run.found["trial"] == plan.trials[1].key, "found"] = False
-    own = failures(run, next(groups(run)), ("center", "line"))
-    frames = failure_frames(own, {trial.key: trial for trial in plan.trials}, store)
+    comparison = failures(run, next(groups(run)), ("center", "line"))
+    frames = failure_frames(comparison, {trial.key: trial for trial in plan.trials}, store)
     assert frames.objects.tolist() == [2]
     for rig, trial in enumerate(plan.trials):
         (task,) = trial.collect_test
         whole = store.load(task)[0][:, :3]
-        shown = set(map(tuple, frames.points[f"0/{rig}"].tolist()))
-        assert shown <= set(map(tuple, whole.tolist()))
+        points = set(map(tuple, frames.points[f"0/{rig}"].tolist()))
+        assert points <= set(map(tuple, whole.tolist()))
         car = run.objects.iloc[2]
         near = np.abs(whole - car[["x", "y", "z"]].to_numpy(float)) <= [2.2, 0.9, 0.8]
         on_it = set(map(tuple, whole[near.all(axis=1)].tolist()))
-        assert on_it <= shown
+        assert on_it <= points
         detections = store.load(trial.evaluate).detections
         assert len(frames.detections[f"0/{rig}"]) == (detections["frame"] == 3).sum()
 
 
 def test_the_command_compares_two_rigs(folder, tmp_path):
     out = tmp_path / "out"
-    done = call(app, folder, "--rigs", "line,center", "--out", out)
-    assert "Of 4 objects (4 individuals) line finds " in done.output
-    assert "no frames are shown" not in done.output
+    result = call(app, folder, "--rigs", "line,center", "--out", out)
+    assert "Of 4 objects (4 individuals) line finds " in result.output
+    assert "no frames are shown" not in result.output
     objects = pd.read_parquet(out / "objects.parquet")
     assert len(objects) == len(pd.read_csv(out / "objects.csv")) == 4
     counts = pd.read_csv(out / "tables" / "failures.csv")
@@ -164,8 +165,8 @@ def test_the_command_compares_two_rigs(folder, tmp_path):
     ],
 )
 def test_a_mistake_is_one_line(folder, words, said):
-    done = call(app, folder, *words, code=2)
-    assert said in " ".join(done.output.split())
+    result = call(app, folder, *words, code=2)
+    assert said in " ".join(result.output.split())
 
 
 def test_without_results_in_the_store_there_are_counts_alone(folder, tmp_path):
@@ -175,8 +176,8 @@ def test_without_results_in_the_store_there_are_counts_alone(folder, tmp_path):
         yaml.safe_dump(config | {"output": str(tmp_path / "elsewhere")})
     )
     words = [tmp_path / "moved", "--rigs", "line,center", "--out", tmp_path / "out"]
-    done = call(app, *words)
-    assert "no frames are shown: the store" in done.output
+    result = call(app, *words)
+    assert "no frames are shown: the store" in result.output
     (tmp_path / "moved" / "found.parquet").unlink()
-    done = call(app, *words, code=2)
-    assert "found.parquet: missing, as the sweep ran before" in " ".join(done.output.split())
+    result = call(app, *words, code=2)
+    assert "found.parquet: missing, as the sweep ran before" in " ".join(result.output.split())

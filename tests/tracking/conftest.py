@@ -17,13 +17,13 @@ def made_up_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def run(made_up_run: Path) -> RunFolder:
-    """The same, read; some modules have one of their own."""
+    """Run folder of `complete`, read; some modules define a fixture of their own."""
     return RunFolder.read(made_up_run)
 
 
 @pytest.fixture(scope="session")
 def reported_run(made_up_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same with its whole report, and with tables that were there before. Read it only."""
+    """Run folder with its whole report, and with tables of an earlier one. Read it only."""
     folder = tmp_path_factory.mktemp("reported") / "grid"
     shutil.copytree(made_up_run, folder)
     (folder / "tables").mkdir()
@@ -35,5 +35,5 @@ def reported_run(made_up_run: Path, tmp_path_factory: pytest.TempPathFactory) ->
 
 @pytest.fixture
 def uri(tmp_path: Path) -> str:
-    """Of a new database of MLflow."""
+    """Address of a new database of MLflow."""
     return new_store(tmp_path / "store")

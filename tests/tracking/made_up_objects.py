@@ -14,8 +14,9 @@ HEIGHTS = {"Car": 1.5, "Pedestrian": 1.75}
 def made_up_objects(
     rng: np.random.Generator, settings: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Of every setting five cars and five pedestrians in each of twenty frames on four routes. The
-    same individuals are in the five frames of a route."""
+    """Make five cars and five pedestrians in each of twenty frames on four routes, per setting.
+
+    The same individuals are in the five frames of a route."""
     rows: list[dict[str, Any]] = []
     for setting, frame, place in product(settings, range(FRAMES), range(10)):
         name, route = CLASSES[place % 2], frame * ROUTES // FRAMES
@@ -38,10 +39,10 @@ def made_up_found(
 ) -> list[dict[str, Any]]:
     """A better rig finds more."""
     return [
-        {"trial": trial["trial"], "object": own["object"], "points": int(rng.integers(0, 100))}
+        {"trial": trial["trial"], "object": truth["object"], "points": int(rng.integers(0, 100))}
         | {"found": bool(rng.random() < 0.3 + 0.5 * quality[str(trial["placement"])])}
-        for trial, own in product(trials, objects)
-        if all(own[key] == trial[key] for key in own.keys() & trial.keys())
+        for trial, truth in product(trials, objects)
+        if all(truth[key] == trial[key] for key in truth.keys() & trial.keys())
     ]
 
 
@@ -54,10 +55,10 @@ def made_up_frames(
     """Arrays of `failures.npz`: clouds on the objects that are shown, and a detection."""
     arrays: dict[str, np.ndarray] = {"rigs": np.array(rigs), "objects": np.array(shown)}
     for place, number in enumerate(shown):
-        own = objects[number]
+        row = objects[number]
         for rig in range(2):
-            cloud = rng.normal([own["x"], own["y"], own["z"]], 0.5, (30, 3))
+            cloud = rng.normal([row["x"], row["y"], row["z"]], 0.5, (30, 3))
             arrays[f"points/{place}/{rig}"] = cloud.astype(np.float32)
-            box = [own[k] for k in ("x", "y", "z", "length", "width", "height", "yaw")]
+            box = [row[k] for k in ("x", "y", "z", "length", "width", "height", "yaw")]
             arrays[f"detections/{place}/{rig}"] = np.array([[*box, 0.9]])
     return arrays

@@ -25,9 +25,9 @@ def report_of(folder: Path, *sections: str) -> Path:
     """The report with these sections alone, in a tenth of the time of a whole one; with "failures"
     also the pages of the decision and of the failures."""
     with ExitStack() as stack:
-        own = {name: SECTIONS.own[name] for name in sections}
-        stack.enter_context(patch.object(SECTIONS, "own", own))
-        if "failures" not in own:
+        makers = {name: SECTIONS.own[name] for name in sections}
+        stack.enter_context(patch.object(SECTIONS, "own", makers))
+        if "failures" not in makers:
             stack.enter_context(patch.object(Analysis, "pair", None))
             stack.enter_context(patch("tracking.report.build.write_decision", return_value=None))
         return build_report(folder)
@@ -60,8 +60,8 @@ def write_run(
     scenes = [{"scene.density": density} for density in densities] or [{}]
     scenes = [scene | {"scene.clouds": kind} for scene in scenes for kind in clouds] or scenes
     lengths = [dict(zip(COST_AXES, training, strict=True)) for training in trainings] or [{}]
-    asked = [{"evaluator": name} for name in evaluators] or [{}]
-    settings = [scene | length | one for scene in scenes for length in lengths for one in asked]
+    judges = [{"evaluator": name} for name in evaluators] or [{}]
+    settings = [scene | length | one for scene in scenes for length in lengths for one in judges]
     quality = dict(zip(names, rng.permutation(len(names)) / len(names), strict=True))
 
     trials, results, curves = [], [], []
@@ -110,8 +110,8 @@ def write_run(
     _write_maps(path, names if detectors else names[:12], roi)
     if detectors:
         _write_frame(rng, path, names, points)
-        shown = made_up_frames(of_objects, objects, (names[0], names[-1]), [0, 13])
-        np.savez_compressed(path / "failures.npz", **shown)
+        arrays = made_up_frames(of_objects, objects, (names[0], names[-1]), [0, 13])
+        np.savez_compressed(path / "failures.npz", **arrays)
     return path
 
 
@@ -125,9 +125,9 @@ def _results(rng, common, setting, quality):
             value -= 10 / setting.get("training.epochs", np.inf)
             if setting.get("evaluator") == "generalist":
                 value = 20 + 90 - 60 * iou + 15 * (0.5 + quality) / 2 + 0.1 * rng.normal()
-            known = name != "Cyclist"
+            boxes = name != "Cyclist"
             row = {**common, "class": name, "metric": metric, "iou": iou, "difficulty": "all"}
-            row |= {"value": value if known else np.nan, "ground_truths": 420 if known else 0}
+            row |= {"value": value if boxes else np.nan, "ground_truths": 420 if boxes else 0}
             rows.append(row)
     return rows
 
@@ -164,11 +164,11 @@ def _sector(results):
     """Recall that is best ahead."""
     return [
         {k: v for k, v in row.items() if k != "difficulty"}
-        | {"sector": sector, "from_deg": middle - 22.5, "to_deg": middle + 22.5}
-        | {"value": row["value"] - abs(middle) / 9, "ground_truths": 140}
+        | {"sector": sector, "from_deg": azimuth - 22.5, "to_deg": azimuth + 22.5}
+        | {"value": row["value"] - abs(azimuth) / 9, "ground_truths": 140}
         for row in results
         if row["metric"] == "recall" and row["ground_truths"]
-        for sector, middle in (("front right", -45.0), ("front", 0.0), ("front left", 45.0))
+        for sector, azimuth in (("front right", -45.0), ("front", 0.0), ("front left", 45.0))
     ]
 
 
@@ -183,7 +183,7 @@ def _points(rng, quality, settings):
 
 
 def _individuals(settings, number):
-    """Of every class so many on four routes: ten are in 30 frames, the others in five."""
+    """Make individuals of every class on four routes: ten are in 30 frames, the others in five."""
     return [
         {**setting, "split": split, "scene": split, "route": i % 4, "class": object_class}
         | {"object_id": f"{object_class}-{i}", "boxes": 30 if i < 10 else 5}
@@ -203,9 +203,9 @@ def _surrogates(rng, quality, settings):
             values["expected_points"] = 50 * scale * rng.random()
             values["expected_ig"] = 900 * scale * (1 + value + 0.2 * rng.random())
             values |= {"covered_voxels": voxels, "expected_recall": 1 - 1 / (2 + value)}
-            own = {"placement": name, "class": object_class, **setting}
-            own |= {"method": "cone", "seconds": 0.05}
-            rows += [{**own, "surrogate": by, "value": number} for by, number in values.items()]
+            row = {"placement": name, "class": object_class, **setting}
+            row |= {"method": "cone", "seconds": 0.05}
+            rows += [{**row, "surrogate": by, "value": number} for by, number in values.items()]
     return rows
 
 
@@ -230,11 +230,11 @@ def _accuracy(rng, names):
         for way in ways:
             _, resolution, steps, _ = way
             error = 0.3 * (resolution - 0.25) + 5 / steps * rng.random() if steps else 0.0
-            own = {"placement": name, "class": CLASSES[0], "surrogate": "s_mig"}
-            own |= dict(zip(columns, way, strict=True))
-            own |= dict.fromkeys(("value", "comparable"), exact * (1 - error))
-            own |= {"reference": resolution == 0.25, "seconds": 0.01 + 1e-4 * steps}
-            rows.append(own | {"pog_seconds": 0.1})
+            row = {"placement": name, "class": CLASSES[0], "surrogate": "s_mig"}
+            row |= dict(zip(columns, way, strict=True))
+            row |= dict.fromkeys(("value", "comparable"), exact * (1 - error))
+            row |= {"reference": resolution == 0.25, "seconds": 0.01 + 1e-4 * steps}
+            rows.append(row | {"pog_seconds": 0.1})
     return rows
 
 
@@ -244,12 +244,12 @@ def _sampling_error(rng, quality, settings):
     for setting in settings:
         common = 50 * rng.normal(size=20)
         for name, value in quality.items():
-            own = {"placement": name, **setting, "class": CLASSES[0], "surrogate": "s_mig"}
-            middle = -1000 * (1 + value)
-            drawn = middle + common + 0.1 * rng.normal(size=20)
-            found = {"value": middle, "low": middle - 100, "high": middle + 100, "bias": 0.0}
-            estimates.append({**own, **found, "sd": drawn.std(), "blocks": 10, "resamples": 20})
-            resamples += [{**own, "resample": i, "value": v} for i, v in enumerate(drawn)]
+            row = {"placement": name, **setting, "class": CLASSES[0], "surrogate": "s_mig"}
+            exact = -1000 * (1 + value)
+            drawn = exact + common + 0.1 * rng.normal(size=20)
+            estimate = {"value": exact, "low": exact - 100, "high": exact + 100, "bias": 0.0}
+            estimates.append({**row, **estimate, "sd": drawn.std(), "blocks": 10, "resamples": 20})
+            resamples += [{**row, "resample": i, "value": v} for i, v in enumerate(drawn)]
     return estimates, resamples
 
 
@@ -267,13 +267,13 @@ def _tasks(trials):
             rows.append({"stage": "train", **common, "seconds": trial["seconds"]})
     free = [2.0, 2.0]
     for row in rows:
-        own = {"started": np.nan, "ended": np.nan, "node": "", "peak_memory": np.nan}
+        record = {"started": np.nan, "ended": np.nan, "node": "", "peak_memory": np.nan}
         if not row["cached"]:
             worker = int(np.argmin(free))
-            own |= {"started": free[worker], "ended": free[worker] + row["seconds"] + 0.01}
-            own |= {"node": "node-1", "peak_memory": 2.5e8 + len(str(row["label"]))}
-            free[worker] = own["ended"]
-        row |= own | {"batch_size_reduced": False}
+            record |= {"started": free[worker], "ended": free[worker] + row["seconds"] + 0.01}
+            record |= {"node": "node-1", "peak_memory": 2.5e8 + len(str(row["label"]))}
+            free[worker] = record["ended"]
+        row |= record | {"batch_size_reduced": False}
     return rows
 
 

@@ -1,4 +1,4 @@
-"""What a tracking server has of a sweep, to compare with what was logged."""
+"""Runs that a tracking server has of a sweep, to compare with those that were logged."""
 
 import os
 import socket
@@ -28,14 +28,14 @@ def new_store(folder: Path) -> str:
 
 def trial(key: str, error: str | None = None, **content: Any) -> EndedTrial:
     """A trial whose run has its key as name, unless `content` says otherwise."""
-    own = {"name": key, "params": {}, "metrics": {}, "ended": 1_700_000_000_000} | content
-    return EndedTrial(key, lambda: TrialRun(**own), error)
+    fields = {"name": key, "params": {}, "metrics": {}, "ended": 1_700_000_000_000} | content
+    return EndedTrial(key, lambda: TrialRun(**fields), error)
 
 
 def trial_of(seed: int, *files: Path) -> EndedTrial:
-    own = {"name": f"line · tiny · seed {seed}", "params": {"seed": seed, "detector": "tiny"}}
-    own["metrics"] = {"AP_R40_3D.Car.0.70": 60.0 + seed, "recall.all.0.50": float("nan")}
-    return trial(f"t{seed}", **own, curve=CURVE, files=files)
+    fields = {"name": f"line · tiny · seed {seed}", "params": {"seed": seed, "detector": "tiny"}}
+    fields["metrics"] = {"AP_R40_3D.Car.0.70": 60.0 + seed, "recall.all.0.50": float("nan")}
+    return trial(f"t{seed}", **fields, curve=CURVE, files=files)
 
 
 def logging(uri: str, folder: Path, trials: Sequence[EndedTrial] = (), **about: Any) -> SweepLog:
@@ -44,9 +44,9 @@ def logging(uri: str, folder: Path, trials: Sequence[EndedTrial] = (), **about: 
     Args:
         about: of the parent run, `say` and `patience_s`.
     """
-    own = {name: about.pop(name) for name in ("say", "patience_s") if name in about}
+    log_options = {name: about.pop(name) for name in ("say", "patience_s") if name in about}
     parent = ParentRun(**{"key": "k1", "name": "demo", "params": {}} | about)
-    log = SweepLog(uri, parent, folder=folder, **own)
+    log = SweepLog(uri, parent, folder=folder, **log_options)
     log.follow(lambda: trials)
     return log
 
@@ -110,13 +110,13 @@ def free_port() -> int:
 
 
 def start_server(store: str, port: int, folder: Path) -> Forked:
-    """What `mlflow server` runs, on this machine, ready to answer."""
-    own = {"_MLFLOW_SERVER_FILE_STORE": store, "_MLFLOW_SERVER_SERVE_ARTIFACTS": "true"}
-    own["_MLFLOW_SERVER_ARTIFACT_ROOT"] = "mlflow-artifacts:/"
-    own["_MLFLOW_SERVER_ARTIFACT_DESTINATION"] = str(folder / "artifacts")
+    """Start what `mlflow server` runs, on this machine, ready to answer."""
+    environment = {"_MLFLOW_SERVER_FILE_STORE": store, "_MLFLOW_SERVER_SERVE_ARTIFACTS": "true"}
+    environment["_MLFLOW_SERVER_ARTIFACT_ROOT"] = "mlflow-artifacts:/"
+    environment["_MLFLOW_SERVER_ARTIFACT_DESTINATION"] = str(folder / "artifacts")
     run = f"import uvicorn; uvicorn.run('mlflow.server.fastapi_app:app', port={port})"
     log = folder / "server.log"
-    server = Forked(["-c", run], folder, log, environment=os.environ | own)
+    server = Forked(["-c", run], folder, log, environment=os.environ | environment)
     for _ in range(1500):
         try:
             urllib.request.urlopen(f"http://127.0.0.1:{port}/health", timeout=5).close()

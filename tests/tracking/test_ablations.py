@@ -60,8 +60,8 @@ def test_the_ablations_have_their_sections(page):
 def test_a_difference_is_that_of_the_means_and_its_interval_covers_it(page):
     table = pd.read_csv(page.folder / "tables" / "roll-and-pitch.csv")
     results = pd.read_parquet(page.folder / "results.parquet")
-    own = results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
-    means = own[own["scene.density"] == 40].groupby("placement")["value"].mean()
+    rows = results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
+    means = rows[rows["scene.density"] == 40].groupby("placement")["value"].mean()
     wanted = table["detector"].str.contains("40") & (table["pair"] == "line → line_roll")
     same = (table["class"] == "Car") & (table["metric"] == "AP_R40_3D")
     row = table[wanted & same].iloc[0]
@@ -83,8 +83,8 @@ def test_published_tables_are_whole():
 
 
 def test_a_placement_stands_for_the_papers_by_its_mounts():
-    own = {"found": PAPER["center"], "line": PAPER["square"], "square": PAPER["square"]}
-    assert paper_names(own) == {"center": "found", "square": "square"}
+    mounts = {"found": PAPER["center"], "line": PAPER["square"], "square": PAPER["square"]}
+    assert paper_names(mounts) == {"center": "found", "square": "square"}
 
 
 def test_published_and_own_stand_side_by_side_for_the_same_network(page):
@@ -95,7 +95,7 @@ def test_published_and_own_stand_side_by_side_for_the_same_network(page):
 
 def test_spread_by_chance_is_exceeded_by_one_sweep_in_twenty():
     y = 60 + np.random.default_rng(0).normal(size=(300, 5, 3))
-    each = [tables(range(5), own)[0].assign(detector=f"d{k}") for k, own in enumerate(y)]
+    each = [tables(range(5), values)[0].assign(detector=f"d{k}") for k, values in enumerate(y)]
     table = sensitivity(seed_means(pd.concat(each)))
     assert 0.02 < (table["spread"] > table["by_chance"]).mean() < 0.09
     assert (table["relative"] - table["spread"] / table["mean"]).abs().max() < 1e-12
@@ -116,12 +116,12 @@ def test_errors_and_ranks():
     columns = ["placement", "class", "surrogate", "method", "resolution", "azimuth_steps"]
     table = pd.DataFrame(rows, columns=[*columns, "frames", "comparable", "seconds", "pog_seconds"])
     table["reference"] = table["resolution"] == 0.1
-    found = summarise(relative_errors(table)).set_index(["resolution", "azimuth_steps"])
-    assert found["median_error"].iloc[:3].tolist() == pytest.approx([0, 1, 0.5])
-    assert found["median_method_error"].iloc[:3].tolist() == pytest.approx([0, 0, 0.25])
-    assert found["spearman"].tolist() == pytest.approx([1, 1, 1, -1])
-    assert found["kendall"].tolist() == pytest.approx([1, 1, 1, -1])
-    assert found["reference"].tolist() == [True, False, False, False]
+    summary = summarise(relative_errors(table)).set_index(["resolution", "azimuth_steps"])
+    assert summary["median_error"].iloc[:3].tolist() == pytest.approx([0, 1, 0.5])
+    assert summary["median_method_error"].iloc[:3].tolist() == pytest.approx([0, 0, 0.25])
+    assert summary["spearman"].tolist() == pytest.approx([1, 1, 1, -1])
+    assert summary["kendall"].tolist() == pytest.approx([1, 1, 1, -1])
+    assert summary["reference"].tolist() == [True, False, False, False]
 
 
 def test_no_rank_of_two_or_of_equal_values():

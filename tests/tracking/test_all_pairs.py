@@ -18,7 +18,7 @@ from tracking.statistics.reliability import Noise, seed_mean
 
 
 def left_out_of(values):
-    """Of means over routes of equal size, from values of shape (routes, placements)."""
+    """Means over routes of equal size without each, from values of shape (routes, placements)."""
     routes, placements = values.shape
     without = (values.sum(axis=0) - values) / (routes - 1)
     table = {
@@ -46,8 +46,8 @@ def test_seeds_alone_are_tukeys():
         # The critical value is that of 15 degrees of freedom, the next in the table.
         wider = np.diff(pairs.intervals(at), axis=1)[others, 0]
         exact = (bounds.high - bounds.low)[at][others]
-        next_, own = (stats.studentized_range.ppf(0.95, 4, degrees) for degrees in (15, 16))
-        assert wider / exact == pytest.approx(next_ / own)
+        next_, critical = (stats.studentized_range.ppf(0.95, 4, degrees) for degrees in (15, 16))
+        assert wider / exact == pytest.approx(next_ / critical)
         assert pairs.p_of_no_lead(at)[others] == pytest.approx(theirs.pvalue[at][others], abs=1e-6)
 
 
@@ -85,17 +85,17 @@ def test_moderation_recovers_the_prior():
     """Smyth (2004): variances from a scaled inverse chi-square with 10 degrees of freedom."""
     rng = np.random.default_rng(4)
     truth = 3.0 * 10 / rng.chisquare(10, 4000)
-    found, degrees = moderated(truth * rng.chisquare(6, 4000) / 6, 6)
+    variances, degrees = moderated(truth * rng.chisquare(6, 4000) / 6, 6)
     assert degrees == pytest.approx(16, rel=0.2)
     # The posterior mean of the precision, which no other weighting beats.
-    assert np.mean(1 / found) == pytest.approx(np.mean(1 / truth), rel=0.02)
+    assert np.mean(1 / variances) == pytest.approx(np.mean(1 / truth), rel=0.02)
 
 
 def test_equal_variances_are_pooled_and_nothing_stays_nothing():
     rng = np.random.default_rng(5)
-    found, degrees = moderated(2 * rng.chisquare(8, 500) / 8, 8)
-    assert np.ptp(found) < 0.1 * found.mean()
-    assert found.mean() == pytest.approx(2, rel=0.05)
+    variances, degrees = moderated(2 * rng.chisquare(8, 500) / 8, 8)
+    assert np.ptp(variances) < 0.1 * variances.mean()
+    assert variances.mean() == pytest.approx(2, rel=0.05)
     assert degrees > 100
     assert moderated(np.array([0.0, 4.0]), 5)[0].tolist() == [0, 4]
     some = moderated(np.array([0.0, 4.0, 4.0, 400.0]), 5)[0]
@@ -124,8 +124,8 @@ def test_agreement_looks_at_every_pair_by_itself():
         elif (values[one] > values[two]) == (means[one] > means[two]):
             right += 1
     assert 5 < number < 36
-    found = pair_agreement(values, AllPairs.of(means, noise))
-    assert found == (pytest.approx(right / number), number)
+    agreement = pair_agreement(values, AllPairs.of(means, noise))
+    assert agreement == (pytest.approx(right / number), number)
 
 
 def test_nothing_is_known_of_one_seed():

@@ -53,7 +53,7 @@ def test_noise_predicts_nothing():
 
 
 def test_a_significant_surrogate_that_mispredicts_is_no_predictor():
-    """In perfect order, but one placement far off any line."""
+    """A perfect order with one placement far off any line."""
     x = np.arange(8.0)
     one = found(np.append(x[:7], 1e4)[:, None], s_mig=np.append(x[:7], 7.0))[0]
     assert one.ranking["holm"].iloc[0] < 0.05

@@ -19,12 +19,12 @@ def interval(mean, variance, n, low, high):
 
 @pytest.mark.parametrize("n", [6, 10, 30, 100, 300])
 def test_shares_of_independent_individuals_are_covered_at_every_truth(n):
-    found = np.arange(n + 1)
-    share = found / n
+    hits = np.arange(n + 1)
+    share = hits / n
     low, high = interval(share, share * (1 - share) / (n - 1), n, 0.0, 1.0)
     truth = np.linspace(0.5, 0.999, 500)[:, None]
     inside = (low <= truth) & (truth <= high)
-    covered = (stats.binom.pmf(found, n, truth) * inside).sum(axis=1)
+    covered = (stats.binom.pmf(hits, n, truth) * inside).sum(axis=1)
     assert covered.min() > 0.93
     assert covered[truth[:, 0] > 0.9].min() > 0.935
     wilson = stats.binomtest(n, n).proportion_ci(method="wilson").low
@@ -44,7 +44,7 @@ def test_differences_of_shares_are_covered():
 
 
 def recall(shares, boxes=None, members=1.0):
-    """What `seed_means` says of the recall of individuals."""
+    """Compute `seed_means` of the recall of individuals."""
     rows = mean_without(100 * np.asarray(shares), boxes, "individual").assign(members=members)
     fixed = {"class": "Car", "detector": "d", "metric": "recall", "iou": 0.5}
     weights = np.ones(len(rows)) if boxes is None else boxes

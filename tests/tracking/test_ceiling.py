@@ -1,4 +1,4 @@
-"""What a perfect predictor reaches: brute force, worlds with a known truth, Spearman's formula."""
+"""Ceilings of correlations: brute force, worlds with a known truth, Spearman's formula."""
 
 import numpy as np
 import pandas as pd
@@ -12,10 +12,10 @@ from tracking.statistics.reliability import Noise, reliability, seed_mean
 
 
 def world(rng, n, seeds, noise, predictor=1.0):
-    """What is true of n placements, a predictor of correlation `predictor`, and noisy metrics."""
+    """Draw the truth of n placements, a predictor of correlation `predictor`, and noisy metrics."""
     truth = rng.standard_normal(n)
-    said = predictor * truth + np.sqrt(1 - predictor**2) * rng.standard_normal(n)
-    return truth, said, truth[:, None] + noise * rng.standard_normal((n, seeds))
+    prediction = predictor * truth + np.sqrt(1 - predictor**2) * rng.standard_normal(n)
+    return truth, prediction, truth[:, None] + noise * rng.standard_normal((n, seeds))
 
 
 def of_means(y):
@@ -27,10 +27,10 @@ def of_means(y):
 @pytest.mark.parametrize("predictor", [1.0, 0.8])
 def test_noise_lowers_a_correlation_to_its_share_of_the_ceiling(coefficient, predictor):
     """One sample so large that it is the population: reliability 1 / (1 + noise² / seeds)."""
-    _, said, y = world(np.random.default_rng(1), 200_000, 2, 1.0, predictor)
-    found = {"pearson": stats.pearsonr, "spearman": stats.spearmanr}[coefficient]
+    _, prediction, y = world(np.random.default_rng(1), 200_000, 2, 1.0, predictor)
+    correlate = {"pearson": stats.pearsonr, "spearman": stats.spearmanr}[coefficient]
     most = float(ceiling(of_means(y)[0], coefficient))
-    reached = found(said, y.mean(axis=1)).statistic
+    reached = correlate(prediction, y.mean(axis=1)).statistic
     if predictor == 1:
         assert reached == pytest.approx(most, abs=0.005)
     else:
@@ -55,45 +55,45 @@ def test_intervals_of_the_reliability_hold_it_as_often_as_they_say(placements, n
 
 
 def drawn_objects(rng, skill, objects):
-    """Which of the objects each placement finds: each object has its own difficulty."""
+    """Draw which objects each placement finds: every object has its own difficulty."""
     difficulty = rng.normal(size=objects)
     chance = 1 / (1 + np.exp(difficulty - skill[:, None]))
     return rng.random((len(skill), objects)) < chance
 
 
-def left_out_of(found):
+def left_out_of(hits):
     """Recall of every placement without each object in turn, as `left_out.parquet` has it."""
-    n, objects = found.shape
-    without = 100 * (found.sum(axis=1, keepdims=True) - found) / (objects - 1)
+    n, objects = hits.shape
+    without = 100 * (hits.sum(axis=1, keepdims=True) - hits) / (objects - 1)
     rows = [(f"p{i}", str(j), without[i, j]) for i in range(n) for j in range(objects)]
     table = pd.DataFrame(rows, columns=["placement", "left_out", "value"])
-    own = {"class": "Car", "detector": "d", "metric": "AP_R40_3D", "iou": 0.7}
-    return table.assign(**own, seed=0, unit="individual", ground_truths=1)
+    group = {"class": "Car", "detector": "d", "metric": "AP_R40_3D", "iou": 0.7}
+    return table.assign(**group, seed=0, unit="individual", ground_truths=1)
 
 
 @pytest.mark.parametrize("objects", [60, pytest.param(400, marks=pytest.mark.long)])
 def test_halves_of_the_test_objects_agree_as_said(objects):
     """Brute force: two other halves of the test objects, of the same placements."""
-    rng, said, brute = np.random.default_rng(4), [], []
+    rng, estimates, brute = np.random.default_rng(4), [], []
     for _ in range(60):
         skill = rng.normal(scale=0.7, size=12)
-        found = drawn_objects(rng, skill, objects)
-        results, _ = tables(range(12), 100 * found.mean(axis=1, keepdims=True))
-        (row,) = ceilings(results, left_out_of(found)).to_dict("records")
-        said.append(row["agreement_of_halves"])
+        hits = drawn_objects(rng, skill, objects)
+        results, _ = tables(range(12), 100 * hits.mean(axis=1, keepdims=True))
+        (row,) = ceilings(results, left_out_of(hits)).to_dict("records")
+        estimates.append(row["agreement_of_halves"])
         halves = [drawn_objects(rng, skill, objects // 2).mean(axis=1) for _ in range(2)]
         brute.append(np.corrcoef(halves)[0, 1])
-    error = np.std(np.subtract(said, brute)) / np.sqrt(60)
-    assert np.mean(said) == pytest.approx(np.mean(brute), abs=4 * error)
+    error = np.std(np.subtract(estimates, brute)) / np.sqrt(60)
+    assert np.mean(estimates) == pytest.approx(np.mean(brute), abs=4 * error)
     assert error < 0.05
 
 
 def test_the_whole_ceiling_has_seeds_and_objects():
     rng = np.random.default_rng(5)
-    found = drawn_objects(rng, rng.normal(size=10), 80)
-    y = 100 * found.mean(axis=1, keepdims=True) + 3 * rng.standard_normal((10, 3))
+    hits = drawn_objects(rng, rng.normal(size=10), 80)
+    y = 100 * hits.mean(axis=1, keepdims=True) + 3 * rng.standard_normal((10, 3))
     results, surrogates = tables(range(10), y)
-    left_out = left_out_of(found)
+    left_out = left_out_of(hits)
     (alone,), (both,) = (ceilings(results, t).to_dict("records") for t in (None, left_out))
     assert alone["ceiling"] == alone["ceiling_by_seeds"] > both["ceiling"]
     assert both["ceiling"] < both["ceiling_by_objects"]
@@ -110,15 +110,15 @@ def test_detectors_that_agree_in_a_part():
     """Each is that part and as much of its own: they correlate by a half, with the part by √½."""
     rng = np.random.default_rng(6)
     part = rng.standard_normal(5000)
-    own = [part + rng.standard_normal(5000) for _ in range(3)]
+    truths = [part + rng.standard_normal(5000) for _ in range(3)]
     results = pd.concat(
-        tables(part, values[:, None])[0].assign(detector=f"d{i}") for i, values in enumerate(own)
+        tables(part, values[:, None])[0].assign(detector=f"d{i}") for i, values in enumerate(truths)
     )
-    found = ceilings(results)
-    rho = stats.spearmanr(part, own[0]).statistic
-    assert found["ceiling_by_detectors"].tolist() == pytest.approx([rho] * 3, abs=0.02)
+    computed = ceilings(results)
+    rho = stats.spearmanr(part, truths[0]).statistic
+    assert computed["ceiling_by_detectors"].tolist() == pytest.approx([rho] * 3, abs=0.02)
     agreement = 6 / np.pi * np.arcsin(1 / 4)
-    assert found["agreement_of_detectors"].iloc[0] == pytest.approx(agreement, abs=0.02)
+    assert computed["agreement_of_detectors"].iloc[0] == pytest.approx(agreement, abs=0.02)
     assert ceiling(np.array([0.0, 1.0])).tolist() == pytest.approx([0, 1])
 
 

@@ -99,9 +99,9 @@ def test_an_interval_holds_its_estimates_and_is_no_point(coefficient, noise):
     """Also where chance makes the means look hardly reliable: the bounds do not meet at 1."""
     x, y = normal_samples(0.9, 10, 2, noise, times=1000)
     low, high = intervals(x, y, coefficient).T
-    found = (scores(x, coefficient) * scores(y.mean(axis=-1), coefficient)).sum(axis=-1)
-    freed = corrected(found[:, None], y, coefficient)[:, 0]
-    for estimate in (found, freed):
+    estimates = (scores(x, coefficient) * scores(y.mean(axis=-1), coefficient)).sum(axis=-1)
+    freed = corrected(estimates[:, None], y, coefficient)[:, 0]
+    for estimate in (estimates, freed):
         assert ((low <= estimate + 1e-12) & (estimate <= high + 1e-12)).all()
     assert np.max(low) < 1 - 1e-4
 

@@ -40,10 +40,10 @@ def test_exact_p_equals_scipys_permutation_test(coefficient, ties):
     rng = np.random.default_rng(3)
     x = rng.integers(0, 4, (3, 5)).astype(float) if ties else rng.normal(size=(3, 5))
     y = x[0] + rng.normal(size=5)
-    own = partial(SCIPY[coefficient], y)
+    statistic = partial(SCIPY[coefficient], y)
     for row, p in zip(x, permutation_p(x, y, coefficient), strict=True):
         test = stats.permutation_test(
-            (row,), lambda x: own(x).statistic, permutation_type="pairings", n_resamples=10**6
+            (row,), lambda x: statistic(x).statistic, permutation_type="pairings", n_resamples=10**6
         )
         assert p == pytest.approx(test.pvalue, abs=1e-12)
     assert np.isnan(permutation_p(x * np.nan, y, coefficient)).all()
@@ -93,7 +93,7 @@ def test_p_in_the_tail_is_that_of_all_orders_of_nine(coefficient, rounded):
 
 
 def sums_of_products(x, y):
-    """Of all orders of `y`: each choice of one half, and both halves in all orders."""
+    """All orders of `y`: each choice of one half, and both halves in all orders."""
     half = np.array(list(itertools.permutations(range(5))))
     for chosen in map(list, itertools.combinations(range(10), 5)):
         rest = [i for i in range(10) if i not in chosen]

@@ -36,8 +36,8 @@ def test_zous_example():
         return np.array(r), np.array(interval.low), np.array(interval.high)
 
     together = correlation_of_correlations(*map(np.array, (0.396, 0.179, 0.088)))
-    found = difference(with_bounds(0.396), with_bounds(0.179), together)
-    assert found == pytest.approx([-0.093, 0.517], abs=5e-4)
+    gap = difference(with_bounds(0.396), with_bounds(0.179), together)
+    assert gap == pytest.approx([-0.093, 0.517], abs=5e-4)
 
 
 def _two_samples(r, n):
@@ -56,9 +56,9 @@ def test_the_correlation_of_two_correlations_is_that_of_many_samples(one, two, b
     products = stats.wishart(100 - 1, matrix).rvs(20_000, random_state=0)  # of deviations
     norms = np.sqrt(np.einsum("tii->ti", products))
     r = products[:, :2, 2] / norms[:, :2] / norms[:, 2:]
-    found = correlation_of_correlations(*map(np.array, (one, two, between)))
+    computed = correlation_of_correlations(*map(np.array, (one, two, between)))
     # Four standard errors of 20,000 samples, and as much for 100 being no large sample.
-    assert found == pytest.approx(np.corrcoef(r.T)[0, 1], abs=0.05)
+    assert computed == pytest.approx(np.corrcoef(r.T)[0, 1], abs=0.05)
 
 
 def test_a_perfect_order_has_the_limit():
@@ -112,9 +112,9 @@ def test_stiff_cases():
     y = rng.normal(size=(3, 2))
     assert np.isnan(strength_leads(rng.normal(size=(2, 3)), y)).all()
     order = np.arange(6.0)
-    found = strength_leads(np.stack([order, -order, order[[1, 0, 2, 3, 5, 4]]]), order[:, None])
-    assert np.isfinite(found).all()
-    assert found[0] == pytest.approx([0, 0], abs=1.0)
+    leads = strength_leads(np.stack([order, -order, order[[1, 0, 2, 3, 5, 4]]]), order[:, None])
+    assert np.isfinite(leads).all()
+    assert leads[0] == pytest.approx([0, 0], abs=1.0)
     y = np.stack([order, order + 1e-3], axis=1)
     y[0, 1] = np.nan
     assert np.isfinite(strength_leads(rng.normal(size=(4, 6)), y)).all()

@@ -26,8 +26,8 @@ def runs(tmp_path_factory) -> Path:
     (folder / "demo").mkdir()
     ended = []
     for name, ap in (("line", 61.5), ("center", 70.25), ("square", 65.0)):
-        own = {"metrics": {"AP_R40_3D.Car.0.70": ap, "seconds": 9.0}, "tags": {"placement": name}}
-        ended.append(trial(name, name=f"{name} · tiny · seed 1", **own))
+        data = {"metrics": {"AP_R40_3D.Car.0.70": ap, "seconds": 9.0}, "tags": {"placement": name}}
+        ended.append(trial(name, name=f"{name} · tiny · seed 1", **data))
     logged(uri, folder / "demo", ended, columns=COLUMNS)
     (folder / "demo" / "sweep.json").write_text(json.dumps({"name": "demo", "tracking_uri": uri}))
     return folder
@@ -35,15 +35,15 @@ def runs(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def address(runs):
-    """Of the server that the command becomes, which ends with it."""
+    """Address of the server that the command becomes, which ends with it."""
     port = free_port()
     command = (
         f"from tracking.dashboard import app; app(['{runs}/store/mlflow.db', '--port={port}'])"
     )
     with subprocess.Popen([sys.executable, "-c", command], stdout=subprocess.PIPE) as server:
-        told = server.stdout.readline().decode()
+        line = server.stdout.readline().decode()
         address = f"http://127.0.0.1:{port}"
-        assert told.startswith(f"{address}/#/experiments/")
+        assert line.startswith(f"{address}/#/experiments/")
         until(lambda: answers(address))
         yield address
         server.terminate()
@@ -64,22 +64,22 @@ def post(address, call, body):
 
 
 def experiment(address):
-    found = post(address, "experiments/search", {"max_results": 9})["experiments"]
-    (own,) = [one for one in found if one["name"] == "demo"]
-    return own
+    experiments = post(address, "experiments/search", {"max_results": 9})["experiments"]
+    (demo,) = [one for one in experiments if one["name"] == "demo"]
+    return demo
 
 
 def test_the_page_gets_the_runs_in_the_order_of_its_view(address):
-    own = experiment(address)
-    tags = {tag["key"]: tag["value"] for tag in own["tags"]}
+    demo = experiment(address)
+    tags = {tag["key"]: tag["value"] for tag in demo["tags"]}
     view = json.loads(tags["mlflow.sharedViewState.lidarplace"])
     order = f"{view['orderByKey']} {'ASC' if view['orderByAsc'] else 'DESC'}"
-    body = {"experiment_ids": [own["experiment_id"]], "order_by": [order]}
+    body = {"experiment_ids": [demo["experiment_id"]], "order_by": [order]}
     body["filter"] = "tags.placement != 'square'"
-    found = post(address, "runs/search", body)["runs"]
-    names = [run["info"]["run_name"] for run in found]
+    runs_of_page = post(address, "runs/search", body)["runs"]
+    names = [run["info"]["run_name"] for run in runs_of_page]
     assert names == ["center · tiny · seed 1", "line · tiny · seed 1"]
-    metrics = {metric["key"]: metric["value"] for metric in found[0]["data"]["metrics"]}
+    metrics = {metric["key"]: metric["value"] for metric in runs_of_page[0]["data"]["metrics"]}
     assert [metrics[name.split(".", 1)[1]] for name in COLUMNS] == [70.25, 9.0]
     assert [view["selectedColumns"][0]] == ["metrics.`AP_R40_3D.Car.0.70`"]
 
@@ -87,12 +87,12 @@ def test_the_page_gets_the_runs_in_the_order_of_its_view(address):
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
 def test_a_browser_shows_the_runs(address, tmp_path):
-    own = experiment(address)["experiment_id"]
+    experiment_id = experiment(address)["experiment_id"]
     command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"]
     command += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
     command += [f"--user-data-dir={tmp_path}", "--virtual-time-budget=60000", "--dump-dom"]
     command += ["--window-size=1600,1000"]
-    command += [f"{address}/#/experiments/{own}/runs?viewStateShareKey=lidarplace"]
+    command += [f"{address}/#/experiments/{experiment_id}/runs?viewStateShareKey=lidarplace"]
     page = subprocess.run(command, capture_output=True, text=True, timeout=GUARD_S).stdout
     places = [page.find(f"{name} · tiny · seed 1") for name in ("center", "square", "line")]
     assert -1 not in places
@@ -106,10 +106,10 @@ def dashboard(*words):
 
 
 def test_of_a_server_the_address_is_printed(address):
-    done = dashboard(address)
-    own = experiment(address)["experiment_id"]
-    assert done.exit_code == 0, done.stderr
-    assert done.stdout.startswith(f"{address}/#/experiments/{own}/runs?viewStateShareKey=")
+    result = dashboard(address)
+    number = experiment(address)["experiment_id"]
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout.startswith(f"{address}/#/experiments/{number}/runs?viewStateShareKey=")
 
 
 def test_mistakes_are_one_line(runs, monkeypatch):
@@ -117,21 +117,21 @@ def test_mistakes_are_one_line(runs, monkeypatch):
     (runs / "text.db").write_text("no database, and longer than a header of one " * 9)
     (runs / "empty.db").touch()
     port = free_port()
-    for where, told in (
+    for where, message in (
         ("text.db", "file is not a database; restore a copy, or move the file away: the next run"),
         ("empty.db", "empty.db: an empty file"),
         ("nosuch://u:secret@host/db", "u:***@host/db"),
         (f"http://u:secret@127.0.0.1:{port}", "refused"),
     ):
-        done = dashboard(where)
-        assert done.exit_code == 2, done.stderr
-        assert done.stderr.count("\n") == 1
-        assert told in done.stderr
-        assert "secret" not in done.stderr
+        result = dashboard(where)
+        assert result.exit_code == 2, result.stderr
+        assert result.stderr.count("\n") == 1
+        assert message in result.stderr
+        assert "secret" not in result.stderr
 
 
 def test_a_port_of_somebody_elses_server_is_refused(address, runs):
     port = address.rpartition(":")[2]
-    done = dashboard(runs / "demo", "--port", port)
-    found = done.exit_code, done.stdout, done.stderr
-    assert found == (2, "", f"--port {port}: Address already in use\n")
+    result = dashboard(runs / "demo", "--port", port)
+    output = result.exit_code, result.stdout, result.stderr
+    assert output == (2, "", f"--port {port}: Address already in use\n")

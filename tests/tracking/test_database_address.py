@@ -12,11 +12,9 @@ from tests.refused import refused
 from tests.tracking.mlflow_runs_of import assert_logged_once, logged, trial_of
 from tracking.mlflow.uri import absolute_uri, sqlite_file, sqlite_uri
 
-NAMES = ("a?b", "a%20b%41", "b'\"c", "a b#c:d", "100%ü@[x]$1&y=z")
 
-
-@pytest.mark.parametrize("name", NAMES)
-def test_mlflow_keeps_runs_in_a_folder_of_any_name(tmp_path, monkeypatch, name):
+def test_mlflow_keeps_runs_in_a_folder_of_any_name(tmp_path, monkeypatch):
+    name = "a?b%20c%41'\"d e#f:g 100%ü@[x]$1&y=z"
     (tmp_path / name).mkdir()
     monkeypatch.chdir(tmp_path / name)  # MLflow writes the working folder into SQL, too
     uri = absolute_uri(sqlite_uri(Path("runs/mlflow.db")))
@@ -47,8 +45,8 @@ def test_a_database_of_another_mlflow_is_named(tmp_path, revision, advice):
     write_database(file)
     with sqlite3.connect(file) as database:
         database.execute("UPDATE alembic_version SET version_num = ?", [revision])
-    found = checks.mlflow(sqlite_uri(file))
-    assert found.state == "missing"
-    assert advice in found.found
+    check = checks.mlflow(sqlite_uri(file))
+    assert check.state == "missing"
+    assert advice in check.found
     with refused(advice):
         logged(sqlite_uri(file), tmp_path)

@@ -47,10 +47,10 @@ def one_class(tmp_path_factory) -> Page:
     for name in ("results", "left_out", "distance", "sector", "points", "individuals"):
         table = pd.read_parquet(folder / f"{name}.parquet")
         table[table["class"].isin(["Car", "all"])].to_parquet(folder / f"{name}.parquet")
-    objects, found = (pd.read_parquet(folder / f"{name}.parquet") for name in ("objects", "found"))
+    objects, hits = (pd.read_parquet(folder / f"{name}.parquet") for name in ("objects", "found"))
     cars = objects[objects["class"] == "Car"]
     cars.to_parquet(folder / "objects.parquet")
-    found[found["object"].isin(cars["object"])].to_parquet(folder / "found.parquet")
+    hits[hits["object"].isin(cars["object"])].to_parquet(folder / "found.parquet")
     sweep = json.loads((folder / "sweep.json").read_text())
     sweep["classes"] = ["Car"]
     wide = {"beams": 32, "elevation_deg": [-25.0, 15.0], "azimuth_steps": 1800}
@@ -64,8 +64,8 @@ def one_class(tmp_path_factory) -> Page:
 
 def test_it_recommends_what_best_placement_says_with_interval_and_odds(folder, page):
     tables = {n: pd.read_parquet(folder / f"{n}.parquet") for n in ("results", "left_out")}
-    own = {n: t.query("`class` == 'all' and metric == 'recall'") for n, t in tables.items()}
-    best = best_placement(own["results"], left_out=own["left_out"])
+    of_all = {n: t.query("`class` == 'all' and metric == 'recall'") for n, t in tables.items()}
+    best = best_placement(of_all["results"], left_out=of_all["left_out"])
     assert page.words[page.words.index("Recommended") + 2] == best.best
     second = best.others.iloc[0]
     low, high = (f"{value:.1f}".replace("-", "−") for value in second[["low", "high"]])
@@ -119,8 +119,8 @@ def test_colours_cover_all_cells_and_cells_of_few_objects_are_pale():
     assert limits == (0.0, 80.0)
     judged, few = bin_table(binned, limits).data
     assert {(t.zmin, t.zmax) for t in (judged, few)} == {limits}
-    for trace, column, shown in ((judged, 1, ["60", "80"]), (few, 0, ["(46)", "(0)"])):
-        assert [row[column] for row in trace.text] == shown
+    for trace, column, texts in ((judged, 1, ["60", "80"]), (few, 0, ["(46)", "(0)"])):
+        assert [row[column] for row in trace.text] == texts
         assert trace.z[:, column].tolist() == values.iloc[:, column].tolist()
     assert np.isnan(judged.z[:, 0]).all()
     assert np.isnan(few.z[:, 1]).all()
@@ -157,16 +157,16 @@ def test_one_class_is_shown_once(one_class):
 def test_a_legend_beside_odds_has_a_row_for_each_name():
     means = pd.DataFrame({"mean": [1.0], "low": [0.5], "high": [1.5]}, index=["a"])
     columns = {"AP": means, "recall": means}
-    plain, beside = (side_by_side(columns, ["a"], "t", "%", odds) for odds in ((), ["60 %"]))
-    assert beside.layout.height - plain.layout.height == 20
-    assert "60 %" in [note.text for note in beside.layout.annotations]
+    plain, with_odds = (side_by_side(columns, ["a"], "t", "%", odds) for odds in ((), ["60 %"]))
+    assert with_odds.layout.height - plain.layout.height == 20
+    assert "60 %" in [note.text for note in with_odds.layout.annotations]
 
 
 def test_rigs_are_drawn_with_their_models(one_class):
     a, b = (f for f in one_class.figures if "<b>" in f["layout"]["title"]["text"])
     title = {f["layout"]["title"]["text"].partition("</b>")[0]: f for f in (a, b)}
-    said = title["<b>a"]["layout"]["title"]["text"]
-    assert "4 LiDARs · 32 beams, −25° to 15° · 16,000 US$" in said
+    title_text = title["<b>a"]["layout"]["title"]["text"]
+    assert "4 LiDARs · 32 beams, −25° to 15° · 16,000 US$" in title_text
     # The price of two of the others is not known.
     assert "US$" not in title["<b>b"]["layout"]["title"]["text"]
     lines = [line.rpartition(" · ")[2] for line in title["<b>b"]["data"][-1]["text"]]
@@ -176,18 +176,18 @@ def test_rigs_are_drawn_with_their_models(one_class):
 def test_views_have_mounts_where_they_are_and_lines_where_they_lean_and_look():
     mount = Mount.degrees(x=0.5, y=-0.4, z=2.1, roll=30, pitch=10)
     (plot,) = rig_views([("rig", PicturedRig.of([mount]))], None)
-    above, side = (trace for trace in plot.data if trace.mode == "lines+markers")
-    assert (above.x[0], above.y[0]) == (0.5, -0.4)
+    top, side = (trace for trace in plot.data if trace.mode == "lines+markers")
+    assert (top.x[0], top.y[0]) == (0.5, -0.4)
     assert (side.x[0], side.y[0]) == (0.5, 2.1)
     # A lifted left side leans the top to the right; a nose down points below the horizon.
-    assert above.y[1] - above.y[0] == pytest.approx(-0.7 * np.sin(np.radians(30)))
+    assert top.y[1] - top.y[0] == pytest.approx(-0.7 * np.sin(np.radians(30)))
     assert side.y[1] - side.y[0] == pytest.approx(-0.7 * np.sin(np.radians(10)))
     assert "x 0.50, y −0.40, z 2.10 m · roll 30°, pitch 10°" in plot.data[-1].text[0]
 
 
 def test_the_first_screen_has_the_rigs_on_the_vehicle_with_posts_and_what_to_do(folder, page):
     assert page.figures[0]["layout"]["title"]["text"] == "LiDARs on the vehicle"
-    names = [own["label"] for own in page.figures[0]["layout"]["updatemenus"][0]["buttons"]]
+    names = [button["label"] for button in page.figures[0]["layout"]["updatemenus"][0]["buttons"]]
     assert names[0] == page.words[page.words.index("Recommended") + 2]
     assert page.words.index("What to do next") < page.words.index("What they find")
     drawn = next(t for t in page.figures[0]["data"] if t.get("name") == "posts")
@@ -213,7 +213,7 @@ def two_densities(tmp_path) -> Path:
 def test_settings_are_answered_together(two_densities):
     report_of(two_densities, "failures")
     page = read(two_densities)
-    (best,) = {own.best for own in answers(two_densities)}
+    (best,) = {answer.best for answer in answers(two_densities)}
     assert page.words[page.words.index("Recommended") + 2] == best
     assert f"{best}: the highest mean in all 2 settings." in page.text
     for density in (40, 120):
@@ -224,10 +224,10 @@ def test_settings_are_answered_together(two_densities):
 def test_settings_that_disagree_are_the_headline(two_densities):
     file = two_densities / "results.parquet"
     table = pd.read_parquet(file)
-    there = (table["class"] == "all") & (table["scene.density"] == 120)
+    is_dense = (table["class"] == "all") & (table["scene.density"] == 120)
     other = {"a": "b", "b": "a"}
-    first = {own.best for own in answers(two_densities)}.pop()
-    table.loc[there, "placement"] = table.loc[there, "placement"].map(other)
+    first = {answer.best for answer in answers(two_densities)}.pop()
+    table.loc[is_dense, "placement"] = table.loc[is_dense, "placement"].map(other)
     table.to_parquet(file)
     report_of(two_densities, "failures")
     page = read(two_densities)
@@ -240,4 +240,4 @@ def test_settings_that_disagree_are_the_headline(two_densities):
 
 
 def answers(folder: Path) -> list[BestPlacement]:
-    return [own.best for own in Analysis(RunFolder.read(folder)).recommended]
+    return [recommendation.best for recommendation in Analysis(RunFolder.read(folder)).recommended]

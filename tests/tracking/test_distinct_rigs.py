@@ -1,4 +1,4 @@
-"""The same rig under two names is one placement."""
+"""Copies of a rig under two names: one placement."""
 
 import json
 import shutil

@@ -34,19 +34,19 @@ CASES = [
 
 
 def sections_of(run: Path, **keys) -> list[Section]:
-    """Those that draw a vehicle, of a run folder with further keys in `sweep.json`."""
-    told = json.loads((run / SweepResult.FILE).read_text()) | keys
-    whole = replace(RunFolder.read(run), sweep=SweepResult.model_validate(told))
-    found = Analysis(whole)
-    best = found.recommended[0]
-    sections = [make(found) for make in (rigs_section, coverage_section, clouds_section)]
+    """Make the sections that draw a vehicle, of a run folder with further keys in `sweep.json`."""
+    sweep_json = json.loads((run / SweepResult.FILE).read_text()) | keys
+    whole = replace(RunFolder.read(run), sweep=SweepResult.model_validate(sweep_json))
+    analysis = Analysis(whole)
+    best = analysis.recommended[0]
+    sections = [make(analysis) for make in (rigs_section, coverage_section, clouds_section)]
     return [*sections, decision_rigs_section(best)]
 
 
 def extents(sections: list[Section], kind: str, axes: str) -> set[tuple[float, ...]]:
-    """Of the traces of a kind, of scatters those that fill themselves, like a vehicle."""
+    """Compute the extents of the traces of a kind, of scatters those that fill themselves."""
     return {
-        tuple(float(end) for own in axes for end in (np.nanmin(t[own]), np.nanmax(t[own])))
+        tuple(float(end) for axis in axes for end in (np.nanmin(t[axis]), np.nanmax(t[axis])))
         for section in sections
         for plot in section.figures
         for t in plot.data
@@ -57,9 +57,9 @@ def extents(sections: list[Section], kind: str, axes: str) -> set[tuple[float, .
 @pytest.mark.parametrize(("told", "extent"), CASES)
 def test_boxes_and_meshes_are_drawn(made_up_run, told, extent):
     sections = sections_of(made_up_run, **told)
-    above, side = extent[:4], extent[:2] + extent[4:]
+    top, side = extent[:4], extent[:2] + extent[4:]
     for section in sections:
-        assert extents([section], "scatter", "xy") in ({above}, {above, side})
+        assert extents([section], "scatter", "xy") in ({top}, {top, side})
         assert not any("a sedan" in note for note in section.notes)
     assert extents(sections, "mesh3d", "xyz") == {extent}
     assert any("the vehicle in orange" in note for note in sections[1].notes)
@@ -87,13 +87,13 @@ def test_boxes_and_a_mesh_are_one_surface():
 
 
 def test_a_fine_mesh_is_written_coarse():
-    x, y = (own.ravel() for own in np.meshgrid(np.linspace(0, 4, 100), np.linspace(0, 2, 100)))
+    x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 4, 100), np.linspace(0, 2, 100)))
     at = np.arange(10_000).reshape(100, 100)[:-1, :-1].ravel()
     faces = np.concatenate([[at, at + 1, at + 100], [at + 1, at + 101, at + 100]], axis=1).T
     fine = Mesh(np.stack([x, y, np.sin(x)], axis=1), faces)
-    kept = Triangles.of(fine)
-    assert 1000 < len(kept.faces) <= MOST_DRAWN < len(fine.faces)
-    assert len(kept.mesh.faces) == len(kept.faces)
+    coarse = Triangles.of(fine)
+    assert 1000 < len(coarse.faces) <= MOST_DRAWN < len(fine.faces)
+    assert len(coarse.mesh.faces) == len(coarse.faces)
 
 
 def test_the_picture_of_a_trial_has_the_vehicle(tmp_path):

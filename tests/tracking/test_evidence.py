@@ -1,4 +1,4 @@
-"""What a headline may claim: weaknesses of the evidence, and what to run against them."""
+"""Claims of a headline: weaknesses of the evidence, and what to run against them."""
 
 import json
 import shlex
@@ -54,8 +54,8 @@ def one_short(run, share):
 
 
 def ap(run, most):
-    own = run.results["metric"] == "AP_R40_3D"
-    value = np.where(own, most * run.results["value"] / 100, run.results["value"])
+    is_ap = run.results["metric"] == "AP_R40_3D"
+    value = np.where(is_ap, most * run.results["value"] / 100, run.results["value"])
     return replace(run, results=run.results.assign(value=value))
 
 
@@ -76,9 +76,9 @@ WEAK = {
 def test_enough_evidence_has_no_weakness(run):
     (group,) = groups(run)
     assert evidence.weaknesses(run, group) == []
-    said = Analysis(run).answer
-    assert (said.grade, said.command, said.enough) == ("Recommended", "", True)
-    assert "likely to be the best" in said.certainty
+    answer = Analysis(run).answer
+    assert (answer.grade, answer.command, answer.enough) == ("Recommended", "", True)
+    assert "likely to be the best" in answer.certainty
 
 
 def test_of_equal_rigs_none_is_ahead(run):
@@ -90,21 +90,23 @@ def test_of_equal_rigs_none_is_ahead(run):
         return pd.concat([table[table["placement"] != other], of_best.assign(placement=other)])
 
     equal = replace(run, results=twins(run.results), left_out=twins(run.left_out))
-    said = Analysis(equal).answer
-    assert said.grade == "No rig is ahead of these"
-    assert set(said.best.split(", ")) == {best, other}
+    answer = Analysis(equal).answer
+    assert answer.grade == "No rig is ahead of these"
+    assert set(answer.best.split(", ")) == {best, other}
 
 
 @pytest.mark.parametrize("kind", WEAK)
 def test_each_weakness_takes_the_headline_back_and_names_what_to_run(run, kind):
     change, value, clause, wanted = WEAK[kind]
-    said = Analysis(change(run, value)).answer
-    assert said.grade == "Not enough evidence to recommend a rig"
-    assert said.certainty.startswith(f"Not enough evidence: {clause}")
-    assert "likely" not in " ".join([said.certainty, *said.leads])
-    assert all("likely" not in other.certainty for other in said.other_classes if other.weaknesses)
-    assert said.command.startswith(f"{run.sweep.command} --set ")
-    pairs = [word for word in shlex.split(said.command) if "=" in word]
+    answer = Analysis(change(run, value)).answer
+    assert answer.grade == "Not enough evidence to recommend a rig"
+    assert answer.certainty.startswith(f"Not enough evidence: {clause}")
+    assert "likely" not in " ".join([answer.certainty, *answer.leads])
+    assert all(
+        "likely" not in other.certainty for other in answer.other_classes if other.weaknesses
+    )
+    assert answer.command.startswith(f"{run.sweep.command} --set ")
+    pairs = [word for word in shlex.split(answer.command) if "=" in word]
     assert any(pair.startswith(wanted) for pair in pairs)
     read_sweep(EXAMPLES / "grid.yaml", pairs)  # raises what it does not take
 
@@ -122,12 +124,12 @@ def test_the_limits_are_the_named_ones(run, change, enough, few):
 
 def test_the_two_that_weigh_most_are_named_and_all_are_listed_and_removed(run):
     weak = short(individuals(routes(seeds(run, 2), 2), 20), 0.4)  # 1.5, 2, 2.5 and 8 times short
-    said = Analysis(weak).answer
-    assert said.certainty == (
+    answer = Analysis(weak).answer
+    assert answer.certainty == (
         "Not enough evidence: a short training (the last epoch still lowered the loss by 40 %) and "
         "only 40 individuals in the test frames (at least 100)."
     )
-    assert all(key in said.command for key in ("grid.seed", "test_routes", "training.epochs"))
+    assert all(key in answer.command for key in ("grid.seed", "test_routes", "training.epochs"))
     listed = cautions(Analysis(weak))
     for part in ("Training was short", "Car: ", "Fewer than 4 test routes", "Two seeds"):
         assert any(text.startswith(part) for text in listed), part
@@ -159,8 +161,8 @@ def test_a_sweep_without_results_has_no_headline(run):
 
 
 def test_no_left_out_table_is_a_weakness(run):
-    said = Analysis(replace(run, left_out=None)).answer
-    assert said.certainty.startswith("Not enough evidence: intervals over seeds alone")
+    answer = Analysis(replace(run, left_out=None)).answer
+    assert answer.certainty.startswith("Not enough evidence: intervals over seeds alone")
 
 
 def test_generalists_are_seeds(run):
@@ -192,6 +194,6 @@ def test_no_page_is_surer_than_the_weakest_link(run, tmp_path):
     assert terminal[0].startswith("Not enough evidence to recommend a rig: ")
     assert terminal[-2].startswith("Not enough evidence: a short training")
     assert terminal[-1].startswith("For more evidence, run: lidarplace run ")
-    said = (folder / "report.md").read_text(encoding="utf-8")
-    assert "--set 'grid.seed=[1,2,3]'" in said
-    assert "Reasons for doubt: " in said
+    markdown = (folder / "report.md").read_text(encoding="utf-8")
+    assert "--set 'grid.seed=[1,2,3]'" in markdown
+    assert "Reasons for doubt: " in markdown

@@ -1,4 +1,4 @@
-"""What one rig finds and another one misses: counted by hand, and shown."""
+"""Objects that one rig finds and another one misses: counted by hand, and pictured."""
 
 import json
 import shutil
@@ -26,10 +26,10 @@ from tracking.run_folders.sweep_json import SweepResult
 
 
 @pytest.fixture(scope="module")
-def found(run) -> Failures:
-    own = failures(run, next(groups(run)), ("center", "line"))
-    assert own is not None
-    return own
+def compared(run) -> Failures:
+    comparison = failures(run, next(groups(run)), ("center", "line"))
+    assert comparison is not None
+    return comparison
 
 
 def hits(folder: Path) -> pd.DataFrame:
@@ -42,8 +42,8 @@ def hits(folder: Path) -> pd.DataFrame:
     return wide.merge(pd.read_parquet(folder / "objects.parquet"), on="object")
 
 
-def test_every_object_is_found_by_both_one_or_none(found, made_up_run):
-    counts = found.counts()
+def test_every_object_is_found_by_both_one_or_none(compared, made_up_run):
+    counts = compared.counts()
     rest = counts[["both", "first", "second", "neither"]].sum(axis=1)
     assert rest.to_numpy() == pytest.approx(counts["objects"].to_numpy())
     table = hits(made_up_run)
@@ -57,45 +57,47 @@ def test_every_object_is_found_by_both_one_or_none(found, made_up_run):
         assert row["difference"] == pytest.approx(recall)
 
 
-def test_bins_are_those_that_the_objects_are_in(found, made_up_run):
-    counts = found.counts().set_index(["class", "by", "bin"])
+def test_bins_are_those_that_the_objects_are_in(compared, made_up_run):
+    counts = compared.counts().set_index(["class", "by", "bin"])
     table = hits(made_up_run)
     azimuth = np.degrees(np.arctan2(table["y"], table["x"]))
     far = np.hypot(table["x"], table["y"])
-    for (by, name), here in {
+    for (by, name), bin_ in {
         ("direction", "front left"): (azimuth >= 22.5) & (azimuth < 67.5),
         ("distance", "10–20 m"): (far >= 10) & (far < 20),
         ("occlusion", "largely occluded"): table["visibility"] < 0.4,
         ("height", "1.75–2 m"): table["class"] == "Pedestrian",
     }.items():
         row = counts.loc[("all", by, name)]
-        assert row["objects"] == here.sum() / 2
-        assert row["second"] == pytest.approx((table["line"] & ~table["center"])[here].sum() / 2)
+        assert row["objects"] == bin_.sum() / 2
+        assert row["second"] == pytest.approx((table["line"] & ~table["center"])[bin_].sum() / 2)
     order = counts.loc["all"].loc["direction"].index.tolist()
     names = ("left", "front left", "front", "front right", "right")
     assert order == [own for own in names if own in order]
     assert set(order) <= set(SECTORS)
 
 
-def test_one_generalist_has_the_interval_of_its_individuals_and_routes(found):
+def test_one_generalist_has_the_interval_of_its_individuals_and_routes(compared):
     """One seed, and each object its own route and individual: the jackknife is a t-test."""
-    n = len(found.objects)
-    one = replace(found, seeds=found.seeds[:1], found=found.found[:, :, :1], generalist=True)
-    alone = found.objects.assign(route=range(n), object_id=[*map(str, range(n))])
+    n = len(compared.objects)
+    one = replace(
+        compared, seeds=compared.seeds[:1], found=compared.found[:, :, :1], generalist=True
+    )
+    alone = compared.objects.assign(route=range(n), object_id=[*map(str, range(n))])
     one = replace(one, objects=alone)
     row = one.counts().iloc[0]
     difference = 100 * (one.found[0, :, 0].astype(float) - one.found[1, :, 0])
     first, second = np.count_nonzero(difference > 0), np.count_nonzero(difference < 0)
     # Bonett and Price's interval: one more pair of each kind.
-    middle = (first - second) / (n + 2)
-    variance = ((first + second + 2) / (n + 2) - middle**2) / (n + 2)
+    centre = (first - second) / (n + 2)
+    variance = ((first + second + 2) / (n + 2) - centre**2) / (n + 2)
     half = 100 * np.sqrt(variance) * stats.t.ppf(0.975, n - 1)
-    assert row["low"] == pytest.approx(100 * middle - half, abs=0.3)
-    assert row["high"] == pytest.approx(100 * middle + half, abs=0.3)
+    assert row["low"] == pytest.approx(100 * centre - half, abs=0.3)
+    assert row["high"] == pytest.approx(100 * centre + half, abs=0.3)
 
 
-def test_rigs_that_find_the_same_few_objects_may_differ(found):
-    alike = replace(found, found=np.ones_like(found.found[:, :, :1]), generalist=True)
+def test_rigs_that_find_the_same_few_objects_may_differ(compared):
+    alike = replace(compared, found=np.ones_like(compared.found[:, :, :1]), generalist=True)
     row = alike.counts().iloc[0]
     assert (row["first"], row["second"], row["difference"]) == (0, 0, 0)
     individuals = row[
@@ -105,21 +107,21 @@ def test_rigs_that_find_the_same_few_objects_may_differ(found):
     assert 2 < individuals * row["high"] / 100 < 6
 
 
-def test_one_specialist_seed_has_no_interval(found):
-    one = replace(found, seeds=(1,), found=found.found[:, :, :1])
+def test_one_specialist_seed_has_no_interval(compared):
+    one = replace(compared, seeds=(1,), found=compared.found[:, :, :1])
     assert one.counts()[["low", "high"]].isna().all(axis=None)
 
 
-def test_frames_take_turns_and_show_no_individual_twice(found):
-    rows = found.telling(8)
-    lead = found.shares[0] - found.shares[1]
+def test_frames_take_turns_and_show_no_individual_twice(compared):
+    rows = compared.telling(8)
+    lead = compared.shares[0] - compared.shares[1]
     assert [np.sign(lead[row]) for row in rows] == [1, -1] * 4
-    shown = found.objects.iloc[rows]
-    assert shown["frame"].is_unique
-    assert not shown.duplicated(["scene", "object_id"]).any()
-    worth = np.maximum(lead, 0) * found.objects["visibility"]
-    assert shown["frame"].iloc[0] == worth.groupby(found.objects["frame"]).sum().idxmax()
-    assert replace(found, found=np.ones_like(found.found)).telling() == []
+    pictured = compared.objects.iloc[rows]
+    assert pictured["frame"].is_unique
+    assert not pictured.duplicated(["scene", "object_id"]).any()
+    worth = np.maximum(lead, 0) * compared.objects["visibility"]
+    assert pictured["frame"].iloc[0] == worth.groupby(compared.objects["frame"]).sum().idxmax()
+    assert replace(compared, found=np.ones_like(compared.found)).telling() == []
 
 
 def test_points_in_a_box_have_the_colour_of_what_became_of_it():
@@ -147,13 +149,13 @@ def folder(made_up_run, tmp_path_factory) -> Path:
     shutil.copytree(made_up_run, folder)
     compared = Analysis(RunFolder.read(folder)).pair
     assert compared is not None
-    shown = compared.objects["object"].iloc[compared.telling(4)].tolist()
+    pictured = compared.objects["object"].iloc[compared.telling(4)].tolist()
     objects = pd.read_parquet(folder / "objects.parquet").to_dict("records")
-    frames = made_up_frames(np.random.default_rng(0), objects, compared.rigs, shown)
+    frames = made_up_frames(np.random.default_rng(0), objects, compared.rigs, pictured)
     np.savez_compressed(folder / "failures.npz", **frames)
-    told = json.loads((folder / SweepResult.FILE).read_text())
-    told |= {"vehicle": [], "vehicle_mesh": SURFACE}
-    (folder / SweepResult.FILE).write_text(json.dumps(told))
+    sweep_json = json.loads((folder / SweepResult.FILE).read_text())
+    sweep_json |= {"vehicle": [], "vehicle_mesh": SURFACE}
+    (folder / SweepResult.FILE).write_text(json.dumps(sweep_json))
     report_of(folder, "failures")
     return folder
 
@@ -162,7 +164,7 @@ def test_the_page_shows_each_frame_under_both_rigs(folder):
     page = Page((folder / "failures.html").read_text(encoding="utf-8"))
     assert page.loads == []
     assert page.csp.startswith("default-src 'none'")
-    frames = [json.loads(text) for own, text in page.scripts if own.get("class") == "frame"]
+    frames = [json.loads(text) for tag, text in page.scripts if tag.get("class") == "frame"]
     assert [len(rigs) for rigs in frames] == [2] * 4
     arrays = np.load(folder / "failures.npz")
     drawn = sum(
@@ -185,10 +187,10 @@ def test_report_and_decision_say_the_same_and_lead_to_the_frames(folder):
     compared = Analysis(RunFolder.read(folder)).pair
     counts = pd.read_csv(folder / "tables" / "failures.csv")
     first, second = compared.rigs
-    said = f"{first} finds {counts.iloc[0][f'{first} alone']:,.0f} that {second} misses"
+    sentence = f"{first} finds {counts.iloc[0][f'{first} alone']:,.0f} that {second} misses"
     for name in ("report.html", "decision.html"):
         page = Page((folder / name).read_text(encoding="utf-8"))
-        assert said in page.text
+        assert sentence in page.text
         assert "failures.html" in page.links
     assert "(failures.html)" in (folder / "report.md").read_text(encoding="utf-8")
 
@@ -204,7 +206,7 @@ def test_frames_of_other_rigs_are_not_shown(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "column", "value", "found"),
+    ("name", "column", "value", "message"),
     [
         ("found", "object", 10**6, "1000000"),
         ("found", "points", None, ""),
@@ -212,12 +214,12 @@ def test_frames_of_other_rigs_are_not_shown(tmp_path):
         ("objects", "object", 1, "1"),
     ],
 )
-def test_tables_that_do_not_fit_are_named(made_up_run, name, column, value, found):
+def test_tables_that_do_not_fit_are_named(made_up_run, name, column, value, message):
     run = RunFolder.read(made_up_run)
     table = getattr(run, name)
     table[column] = table[column].astype(object)
     table.loc[0, column] = value
-    with refused((f"{name}.parquet", column, found)):
+    with refused((f"{name}.parquet", column, message)):
         failures(run, next(groups(run)), ("center", "line"))
 
 

@@ -1,4 +1,4 @@
-"""What the figures show, in numbers."""
+"""Numbers that the figures plot."""
 
 from dataclasses import replace
 from itertools import combinations, pairwise
@@ -73,7 +73,7 @@ def test_zero_errors_are_hollow_and_below_and_the_menu_shows_one_surrogate(run):
     plot = accuracy_figure(summarise(relative_errors(both)), "Car")
     first, second = (button.args[0]["visible"] for button in plot.layout.updatemenus[0].buttons)
     assert [trace.visible for trace in plot.data] == first
-    assert [not shown for shown in first] == second
+    assert [not visible for visible in first] == second
     (line,) = (t for t in plot.data if t.visible and t.name == "cone, resolution")
     assert "diamond-open" in line.marker.symbol
     assert min(line.y) > 0

@@ -40,8 +40,8 @@ def test_candidates_are_the_generalist_s_means_of_the_same_detector(run):
     same = "`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7 and evaluator == 'generalist'"
     expected = run.results.query(same).groupby(["detector", "placement"])["value"].mean()
     for evaluator in ("specialist", "finetuned"):
-        own = one[one["evaluator"] == evaluator].set_index(["detector", "placement"])["value"]
-        pd.testing.assert_series_equal(own.sort_index(), expected.sort_index())
+        means = one[one["evaluator"] == evaluator].set_index(["detector", "placement"])["value"]
+        pd.testing.assert_series_equal(means.sort_index(), expected.sort_index())
     assert set(one["evaluator"]) == {"specialist", "finetuned"}
 
 
@@ -56,32 +56,32 @@ def test_no_candidates_without_others(run, made_up_run):
 def test_comparison_by_hand(run):
     surrogates = with_judgements(run)
     means = seed_means(run.results, run.axes, run.left_out)
-    found = ceilings(run.results, run.left_out, run.axes)
-    table = with_ceilings(correlate(run.results, surrogates, run.axes), found, run.axes)
+    ceiling = ceilings(run.results, run.left_out, run.axes)
+    table = with_ceilings(correlate(run.results, surrogates, run.axes), ceiling, run.axes)
     rows = compare(run, means, table)
     # 2 detectors, 2 other evaluators; 3D AP and recall of two classes with objects, recall of all.
     assert len(rows) == 2 * 2 * 5
     of_car = "`class` == 'Car' and metric == 'AP_R40_3D' and detector == 'second'"
     row = rows.query(f"{of_car} and evaluator == 'specialist'").iloc[0]
-    own = run.results.query(f"{of_car} and iou == 0.7")
-    values = own.groupby(["evaluator", "placement"])["value"].mean()
-    said, own = values["generalist"], values["specialist"][values["generalist"].index]
-    assert row["spearman"] == pytest.approx(stats.spearmanr(said, own).statistic)
-    test = stats.ttest_1samp(said - own, 0).confidence_interval()
-    expected = [(said - own).mean(), test.low, test.high]
+    specialist = run.results.query(f"{of_car} and iou == 0.7")
+    values = specialist.groupby(["evaluator", "placement"])["value"].mean()
+    generalist, specialist = values["generalist"], values["specialist"][values["generalist"].index]
+    assert row["spearman"] == pytest.approx(stats.spearmanr(generalist, specialist).statistic)
+    test = stats.ttest_1samp(generalist - specialist, 0).confidence_interval()
+    expected = [(generalist - specialist).mean(), test.low, test.high]
     assert row[["bias", "bias_low", "bias_high"]].tolist() == pytest.approx(expected)
-    assert row["slope"] == pytest.approx(np.polyfit(said, own, 1)[0])
-    by_seeds = found.query(f"{of_car} and iou == 0.7 and evaluator == 'specialist'")
+    assert row["slope"] == pytest.approx(np.polyfit(generalist, specialist, 1)[0])
+    by_seeds = ceiling.query(f"{of_car} and iou == 0.7 and evaluator == 'specialist'")
     assert row["ceiling"] == by_seeds["ceiling_by_seeds"].item()
 
 
 def test_slopes_and_biases_hold_the_truth():
     rng, held = np.random.default_rng(0), []
     for _ in range(400):
-        said = rng.normal(70, 5, 8)
-        own = 20 + 0.7 * said + rng.normal(0, 2, 8)
-        found = calibration(said, own)
-        held.append(found["slope_low"] <= 0.7 <= found["slope_high"])
+        generalist = rng.normal(70, 5, 8)
+        specialist = 20 + 0.7 * generalist + rng.normal(0, 2, 8)
+        line = calibration(generalist, specialist)
+        held.append(line["slope_low"] <= 0.7 <= line["slope_high"])
     assert np.mean(held) == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 400))
     assert calibration(np.array([1.0, 1, 1]), np.array([1.0, 2, 3])) is None
     assert calibration(np.array([1.0, 2]), np.array([1.0, 2])) is None
@@ -114,9 +114,9 @@ def test_one_generalist_has_intervals_of_the_test_objects(tmp_path, axis):
     assert best.note.startswith("one generalist")
     assert (best.others["low"] < best.others["lead"]).all()
     means = seed_means(run.results, run.axes, run.left_out, run.sweep.evaluator)
-    own = means.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
+    rows = means.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
     half = stats.t.ppf(0.975, best.sample.degrees) * np.sqrt(best.sample.variance)
-    assert own["half"].tolist() == pytest.approx([half] * len(NAMES))
+    assert rows["half"].tolist() == pytest.approx([half] * len(NAMES))
     if axis:
         return
     page = report_of(folder).with_suffix(".md").read_text()

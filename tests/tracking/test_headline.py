@@ -25,8 +25,8 @@ def with_values(run, values, metric="AP_R40_3D", object_class="Car"):
     """The run with these values of a metric: placement -> one a seed."""
     results = run.results.copy()
     match = (results["metric"] == metric) & (results["class"] == object_class)
-    for name, own in values.items():
-        for seed, value in enumerate(own, start=1):
+    for name, seeds in values.items():
+        for seed, value in enumerate(seeds, start=1):
             rows = match & (results["placement"] == name) & (results["seed"] == seed)
             assert rows.any()
             results.loc[rows, "value"] = value
@@ -63,7 +63,7 @@ def test_one_seed_says_that_it_cannot_be_told(tmp_path):
     assert "only 1 seed (at least 3)" in car.certainty
     assert car.title == "Highest mean for Car"
     assert "95 %" not in car.lead
-    assert any("One seed" in said for said in cautions(Analysis(run)))
+    assert any("One seed" in sentence for sentence in cautions(Analysis(run)))
 
 
 def test_recall_of_all_has_a_verdict_and_a_class_without_objects_has_none(run):
@@ -76,36 +76,36 @@ def test_cautions_of_failures_objects_and_training(run):
     trials.loc[0, ["status", "error"]] = "failed", "Traceback\nValueError: no frame"
     columns = ["trial", "epoch", "metric", "value"]
     rows = [(t, e, "loss", 1 / e) for t in trials["trial"] for e in (1, 2, 3)]
-    said = cautions(
+    texts = cautions(
         Analysis(replace(run, trials=trials, curves=pd.DataFrame(rows, columns=columns)))
     )
-    assert said[0] == "1 of 12 trials did not finish. The first error: ValueError: no frame"
-    assert any("Only 4 placements: no two-sided p-value can be below 0.083." in s for s in said)
-    assert any(s.startswith("Cyclist: no ground truth") for s in said)
+    assert texts[0] == "1 of 12 trials did not finish. The first error: ValueError: no frame"
+    assert any("Only 4 placements: no two-sided p-value can be below 0.083." in s for s in texts)
+    assert any(s.startswith("Cyclist: no ground truth") for s in texts)
     short = "in 12 of 12 trials the last epoch still lowered the loss by more than 5 %"
-    assert any(short in s for s in said)
+    assert any(short in s for s in texts)
 
 
 def test_what_was_learned_is_judged_by_the_metric_of_the_headline(run):
     results = run.results.copy()
     strict = (results["metric"] == "AP_R40_3D") & (results["iou"] == 0.7)
     results.loc[strict, "value"] = 0.3  # at IoU 0.5 it stays far above
-    said = cautions(Analysis(replace(run, results=results)))
+    sentences = cautions(Analysis(replace(run, results=results)))
     wanted = "Car: 3D AP @ 0.7 is below 5 % everywhere: the detector learned too little."
-    assert [s for s in said if "learned too little" in s] == [wanted]
+    assert [s for s in sentences if "learned too little" in s] == [wanted]
     loose = run.results.copy()
     loose.loc[loose["metric"] == "AP_R40_BEV", "value"] = 0.3
-    said = cautions(Analysis(replace(run, results=loose)))
-    assert not any("learned too little" in s for s in said)
+    sentences = cautions(Analysis(replace(run, results=loose)))
+    assert not any("learned too little" in s for s in sentences)
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.86, True), (0.67, True), (0.66, False)])
 def test_expected_ig_that_counts_rays_is_a_caution(run, share, said):
     rows = run.surrogates
-    own = rows.assign(linear_share=np.where(rows["surrogate"] == "expected_ig", share, np.nan))
+    table = rows.assign(linear_share=np.where(rows["surrogate"] == "expected_ig", share, np.nan))
     for results in (run.results, run.results[:0]):
-        found = cautions(Analysis(replace(run, surrogates=own, results=results)))
-        assert any("counts rays" in text for text in found) == said
+        sentences = cautions(Analysis(replace(run, surrogates=table, results=results)))
+        assert any("counts rays" in text for text in sentences) == said
     # Older run folders do not know.
     assert not any("counts rays" in text for text in cautions(Analysis(run)))
 
@@ -113,9 +113,9 @@ def test_expected_ig_that_counts_rays_is_a_caution(run, share, said):
 def test_few_frames_are_a_caution(run):
     few = {(4, 100): ["Only 4 training frames"], (400, 1): ["Only 1 test frame"], (20, 20): []}
     few[19, 19] = ["Only 19 training frames", "Only 19 test frames"]
-    for frames, said in few.items():
+    for frames, sentences in few.items():
         starts = [text.split(":")[0] for text in cautions(Analysis(of_frames(run, *frames)))]
-        assert [start for start in starts if "frame" in start] == said
+        assert [start for start in starts if "frame" in start] == sentences
 
 
 def of_frames(run, train, test):
@@ -131,15 +131,15 @@ def alone(tmp_path_factory):
 
 def test_surrogates_of_few_frames_are_a_caution(alone):
     assert not [s for s in cautions(Analysis(of_frames(alone, 10, 0))) if "frame" in s]
-    (found,) = (s for s in cautions(Analysis(of_frames(alone, 4, 0))) if "frame" in s)
-    assert found.startswith("The surrogates use only 4 frames: ")
+    (sentence,) = (s for s in cautions(Analysis(of_frames(alone, 4, 0))) if "frame" in s)
+    assert sentence.startswith("The surrogates use only 4 frames: ")
 
 
 def test_equal_surrogates_have_no_winner(alone):
     def with_gain(values, **others):
         table = alone.surrogates[alone.surrogates["class"] == "Car"].copy()
-        for name, own in ({"expected_recall": values} | others).items():
-            table.loc[table["surrogate"] == name, "value"] = own
+        for name, gains in ({"expected_recall": values} | others).items():
+            table.loc[table["surrogate"] == name, "value"] = gains
         changed = replace(alone, surrogates=table)
         (group,) = groups(changed)
         return surrogate_statements(changed, group)[0]
@@ -157,6 +157,6 @@ def test_equal_surrogates_have_no_winner(alone):
 
 def test_a_training_that_ended_flat_is_no_caution(run):
     flat = run.curves.assign(value=np.where(run.curves["metric"] == "loss", 0.5, 1.0))
-    said = cautions(Analysis(replace(run, curves=flat)))
-    assert not any("Training was short" in s for s in said)
-    assert cautions(Analysis(replace(run, curves=flat[flat["epoch"] == 1]))) == said
+    sentences = cautions(Analysis(replace(run, curves=flat)))
+    assert not any("Training was short" in s for s in sentences)
+    assert cautions(Analysis(replace(run, curves=flat[flat["epoch"] == 1]))) == sentences

@@ -28,11 +28,11 @@ def test_it_is_the_error_of_a_mean():
 
 def test_what_a_unit_does_to_all_placements_cancels_between_them():
     random = np.random.default_rng(0)
-    common, own = 20 * random.normal(size=12), random.normal(size=(3, 12))
-    pairs = zip("abc", common + own, strict=True)
+    common, separate = 20 * random.normal(size=12), random.normal(size=(3, 12))
+    pairs = zip("abc", common + separate, strict=True)
     rows = pd.concat(mean_without(y, unit="individual", placement=name) for name, y in pairs)
     single, paired = sample_error(rows, paired=False), sample_error(rows, paired=True)
-    by_hand = np.sum((own - own.mean(axis=0)).var(axis=1, ddof=1)) / 2 / 12
+    by_hand = np.sum((separate - separate.mean(axis=0)).var(axis=1, ddof=1)) / 2 / 12
     assert paired.variance == pytest.approx(by_hand)
     assert single.variance > 100 * paired.variance
     assert single.degrees == 11
@@ -104,13 +104,13 @@ def test_intervals_hold_the_truth_of_other_test_objects():
     mean_held, lead_held, said = ({True: [], False: []} for _ in range(3))
     for _ in range(16):
         results, left_out = study(random)
-        for known in (True, False):
-            table = left_out if known else None
+        for has_left_out in (True, False):
+            table = left_out if has_left_out else None
             means = seed_means(results, left_out=table)
-            mean_held[known].append(((means["low"] <= 50) & (means["high"] >= 50)).mean())
+            mean_held[has_left_out].append(((means["low"] <= 50) & (means["high"] >= 50)).mean())
             best = best_placement(results, left_out=table)
-            lead_held[known].append((best.others["low"] <= 0).all())
-            said[known].append(best.sure.iloc[0])
+            lead_held[has_left_out].append((best.others["low"] <= 0).all())
+            said[has_left_out].append(best.sure.iloc[0])
     assert np.mean(mean_held[True]) > 0.9 > 0.6 > np.mean(mean_held[False])
     assert np.mean(lead_held[True]) > 0.9 > 0.8 > np.mean(lead_held[False])
     assert np.mean(said[True]) < np.mean(said[False]) - 0.05  # the best of equals is one of four
@@ -149,9 +149,9 @@ def test_what_a_seed_adds_to_all_placements_is_in_no_comparison():
     results, left_out = study(np.random.default_rng(4))
     kind = results["seed"].map({0: 30.0, 1: 0.0, 2: -30.0})
     harsh = results.assign(value=results["value"] + kind)
-    plain, own = (seed_means(table, left_out=left_out) for table in (results, harsh))
-    assert own["half"].tolist() == pytest.approx(plain["half"].tolist())
-    assert ((own["high"] - own["low"]) > 3 * (plain["high"] - plain["low"])).all()
+    plain, shifted = (seed_means(table, left_out=left_out) for table in (results, harsh))
+    assert shifted["half"].tolist() == pytest.approx(plain["half"].tolist())
+    assert ((shifted["high"] - shifted["low"]) > 3 * (plain["high"] - plain["low"])).all()
     # By hand: rows and columns of a table of placements and seeds taken out.
     y = harsh.pivot(index="placement", columns="seed", values="value")
     rest = y.sub(y.mean(axis=1), axis=0) - y.mean(axis=0) + y.to_numpy().mean()
@@ -159,7 +159,7 @@ def test_what_a_seed_adds_to_all_placements_is_in_no_comparison():
     whole = seeds + error.variance
     freedom = whole**2 / (seeds**2 / 6 + error.variance**2 / error.degrees)
     by_hand = stats.t.ppf(0.975, freedom) * np.sqrt(whole)
-    assert own["half"].tolist() == pytest.approx([by_hand] * 4)
+    assert shifted["half"].tolist() == pytest.approx([by_hand] * 4)
     # One that is missing: seeds are as if they were different.
     missing = seed_means(results[1:])
     assert missing["half"].tolist() == pytest.approx(

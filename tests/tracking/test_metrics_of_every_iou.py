@@ -51,12 +51,12 @@ def test_they_have_an_iou_of_their_own_and_change_no_other(run, made_up_run):
     for name in (*run.classes, "all"):
         assert headline_iou(run.results, name) == headline_iou(old, name)
         assert headline_iou(run.results, name, "mean_overlap") == EVERY_IOU
-        own = at_headline_iou(run.results, run.results, name, "mean_overlap")
-        assert len(own) == 2 * len(run.placements)
-    shown = at_headline_ious(run.results, run.results, "Car")
+        rows = at_headline_iou(run.results, run.results, name, "mean_overlap")
+        assert len(rows) == 2 * len(run.placements)
+    headline_rows = at_headline_ious(run.results, run.results, "Car")
     wanted = dict.fromkeys(("AP_R40_3D", "AP_R40_BEV", "recall"), 0.7)
     wanted |= dict.fromkeys(LIKE, EVERY_IOU)
-    assert set(zip(shown["metric"], shown["iou"], strict=True)) == {*wanted.items()}
+    assert set(zip(headline_rows["metric"], headline_rows["iou"], strict=True)) == {*wanted.items()}
 
 
 def test_their_intervals_allow_for_the_test_objects(run):
@@ -93,10 +93,10 @@ def test_rungs_and_objectives_may_ask_for_them():
     metrics = pd.DataFrame(rows, columns=["class", "metric", "iou", "value"])
     assert headline_value(metrics, "AP_R40_3D_mean", "Car") == 50
     for by, value in (("AP_R40_3D_mean", 40), ("mean_overlap", 60)):
-        asked = ObjectiveSettings.model_validate({"by": by, "evaluator": "generalist"})
-        assert asked.measured
-        assert asked.best == "maximize"
-        assert weighted_value(asked, ["Car", "Cyclist"], metrics) == value
+        objective = ObjectiveSettings.model_validate({"by": by, "evaluator": "generalist"})
+        assert objective.measured
+        assert objective.best == "maximize"
+        assert weighted_value(objective, ["Car", "Cyclist"], metrics) == value
     of_car = ObjectiveSettings.model_validate({"by": "mean_overlap", "weights": {"Car": 1.0}})
     assert weighted_value(of_car, ["Car", "Cyclist"], metrics) == 61
 
@@ -114,22 +114,22 @@ def test_the_report_tells_how_reliable_each_metric_is(run):
     """Three splits: ranks by hand, Spearman and Brown's 2 ρ / (1 + ρ)."""
     rng, parts = np.random.default_rng(0), []
     for metric in ("AP_R40_3D", "AP_R40_3D_mean", "mean_overlap"):
-        own = run.results[(run.results["metric"] == metric) & (run.results["class"] == "Car")]
+        rows = run.results[(run.results["metric"] == metric) & (run.results["class"] == "Car")]
         for side in ("0a", "0b", "1a", "1b", "2a", "2b"):
-            noise = 6 * rng.standard_normal(len(own)) * (metric == "AP_R40_3D")
-            noise += 20 * rng.standard_normal(len(own)) * (metric == "mean_overlap")
-            parts.append(own.assign(unit="half", left_out=side, value=own["value"] + noise))
+            noise = 6 * rng.standard_normal(len(rows)) * (metric == "AP_R40_3D")
+            noise += 20 * rng.standard_normal(len(rows)) * (metric == "mean_overlap")
+            parts.append(rows.assign(unit="half", left_out=side, value=rows["value"] + noise))
     halves = pd.concat(parts).drop(columns="difficulty")
     together = replace(run, left_out=pd.concat([run.left_out, halves]))
     (table,) = reliability_section(Analysis(together)).tables
     reliable = {}
-    for (metric, iou), own in halves.groupby(["metric", "iou"]):
-        deviations = own.pivot_table("value", "placement", "left_out").rank() - 3
+    for (metric, iou), rows in halves.groupby(["metric", "iou"]):
+        deviations = rows.pivot_table("value", "placement", "left_out").rank() - 3
         rho = [(deviations[f"{i}a"] * deviations[f"{i}b"]).sum() / 10 for i in range(3)]
         mean = max(np.mean(rho), 0)
         reliable[metric, iou] = 2 * mean / (1 + mean)
-    shown = ["3D AP @ 0.7", "3D AP @ 0.3–0.8", "mean overlap"]
-    assert [row[2] for row in table.rows] == shown
+    names = ["3D AP @ 0.7", "3D AP @ 0.3–0.8", "mean overlap"]
+    assert [row[2] for row in table.rows] == names
     wanted = [("AP_R40_3D", 0.7), ("AP_R40_3D_mean", EVERY_IOU), ("mean_overlap", EVERY_IOU)]
     values = [reliable[one] for one in wanted]
     assert [row[-1] for row in table.rows] == [f"{value:.2f}" for value in values]

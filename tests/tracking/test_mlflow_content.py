@@ -1,4 +1,4 @@
-"""What a team finds in MLflow beside metrics: tags, data, pictures, samples, the page."""
+"""Content of MLflow's runs beside metrics: tags, data, pictures, samples, the page."""
 
 import json
 import subprocess
@@ -42,9 +42,9 @@ def test_a_trial_has_tags_data_and_pictures(uri, tmp_path, picture):
     assert parent.data.tags["mlflow.note.content"] == "**Run** again"
     assert parent.data.tags["mlflow.source.name"] == "run.py"
     assert child.data.tags.items() >= {"seed": "1", "mlflow.source.name": "run.py"}.items()
-    given = [(own.tags[0].value, own.dataset) for own in child.inputs.dataset_inputs]
-    found = {context: (data.name, data.digest) for context, data in given}
-    assert found == {"train": ("sumo-1 train", "0a1b"), "test": ("sumo-1 test", "2c3d")}
+    inputs = [(entry.tags[0].value, entry.dataset) for entry in child.inputs.dataset_inputs]
+    digests = {context: (data.name, data.digest) for context, data in inputs}
+    assert digests == {"train": ("sumo-1 train", "0a1b"), "test": ("sumo-1 test", "2c3d")}
     assert artifacts(uri, child) == ["placement.png"]
     assert artifacts(uri, parent) == []
 
@@ -65,8 +65,8 @@ def test_system_metrics_go_on_after_a_stop_and_come_once(uri, tmp_path, monkeypa
 
     def steps():
         run = runs_of(uri)["demo"].info.run_id
-        found = client(uri).get_metric_history(run, "system/cpu_utilization_percentage")
-        return [point.step for point in found]
+        history = client(uri).get_metric_history(run, "system/cpu_utilization_percentage")
+        return [point.step for point in history]
 
     for least in (2, 4):
         with logging(uri, tmp_path):
@@ -90,8 +90,8 @@ def test_the_view_of_the_page_is_the_experiments(uri, tmp_path):
 
 
 def git(folder, *words):
-    own = ["-c", "user.name=a", "-c", "user.email=a@example.org"]
-    subprocess.run(["git", "-C", folder, *own, *words], check=True, capture_output=True)
+    identity = ["-c", "user.name=a", "-c", "user.email=a@example.org"]
+    subprocess.run(["git", "-C", folder, *identity, *words], check=True, capture_output=True)
 
 
 def test_in_a_checkout_the_commit_and_whether_files_differ(tmp_path, monkeypatch):

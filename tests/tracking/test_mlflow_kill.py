@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-import mlflow_runs_of as made
 import pytest
 
+from tests.tracking import mlflow_runs_of as made
 from tracking.mlflow.uri import sqlite_file
 
 SEEDS = range(1, 5)

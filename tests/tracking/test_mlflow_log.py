@@ -79,10 +79,10 @@ def test_the_parent_runs_in_the_block_and_trials_are_seen_as_they_end(uri, tmp_p
 def test_a_resumed_sweep_doubles_nothing_and_asks_for_nothing_that_is_there(uri, tmp_path):
     log_two(uri, tmp_path)
     before = runs_of(uri)
-    asked = []
-    again = [EndedTrial(f"t{seed}", lambda: asked.append(1)) for seed in (1, 2)]
+    requests = []
+    again = [EndedTrial(f"t{seed}", lambda: requests.append(1)) for seed in (1, 2)]
     logged(uri, tmp_path, again, params={"epochs": 3})
-    assert not asked
+    assert not requests
     assert_logged_once(uri, range(1, 3))
     ids = [{run.info.run_id for run in runs.values()} for runs in (runs_of(uri), before)]
     assert ids[0] == ids[1]
@@ -96,7 +96,7 @@ def test_a_trial_cut_half_way_is_continued(uri, tmp_path, monkeypatch, fails_in)
     from mlflow import MlflowClient
 
     whole = getattr(MlflowClient, fails_in)
-    said, broken = [], []
+    messages, broken = [], []
 
     def breaks(self, *arguments, **named):
         if broken:
@@ -110,14 +110,14 @@ def test_a_trial_cut_half_way_is_continued(uri, tmp_path, monkeypatch, fails_in)
         raise ConnectionError("reset by peer")
 
     ended = []
-    with logging(uri, tmp_path, ended, params={"epochs": 3}, say=said.append):
+    with logging(uri, tmp_path, ended, params={"epochs": 3}, say=messages.append):
         monkeypatch.setattr(MlflowClient, fails_in, breaks)
         ended.append(trial_of(3, picture))
     assert broken
     run = runs_of(uri)["line · tiny · seed 3"]
     assert [file.path for file in client(uri).list_artifacts(run.info.run_id)] == ["placement.png"]
     away = f"MLflow at {uri} is unreachable, the sweep continues: reset by peer"
-    assert said == [away, f"MLflow at {uri} is back"]
+    assert messages == [away, f"MLflow at {uri} is back"]
     assert_logged_once(uri, range(1, 4))
 
 
@@ -190,18 +190,18 @@ def test_more_params_and_metrics_than_one_batch_takes(uri, tmp_path):
 
 
 def test_what_mlflow_refuses_does_not_hold_up_the_rest_and_is_tried_again(uri, tmp_path):
-    said = []
+    messages = []
     bad = {"no such\nname": 1.0}
     logged(uri, tmp_path, [trial("bad", "ValueError: no box")])
     ended = [trial("worse", metrics=bad), trial("bad", metrics=bad), trial_of(1)]
-    with logging(uri, tmp_path, ended, say=said.append) as log:
+    with logging(uri, tmp_path, ended, say=messages.append) as log:
         log.artifact(tmp_path / "missing.html")
     assert (log.undelivered, log.refused) == (0, 3)
-    refusals = [line.split(", the same command tries again: ")[0] for line in said]
+    refusals = [line.split(", the same command tries again: ")[0] for line in messages]
     names = ("worse", "bad", tmp_path / "missing.html")
     assert refusals == [f"MLflow refuses '{name}'" for name in names]
-    assert "Invalid value" in said[0]
-    assert "missing.html: no such file" in said[2]
+    assert "Invalid value" in messages[0]
+    assert "missing.html: no such file" in messages[2]
     runs = runs_of(uri)
     assert runs["line · tiny · seed 1"].info.status == "FINISHED"
     assert runs["demo"].info.status == "FINISHED"
@@ -224,19 +224,19 @@ def test_artifacts_that_cannot_be_written_hold_up_nothing(uri, tmp_path):
     (report := tmp_path / "report.html").write_text("<p>report</p>")
     (picture := tmp_path / "placement.png").write_bytes(b"a picture")
     drawn = trial("drawn", files=[picture], metrics={"seconds": 1.0})
-    said = []
+    messages = []
     for seeds in ([1], [1, 2]):  # the second driver tries the artifacts again, and goes on
         ended = [drawn, *map(trial_of, seeds)]
-        with logging(uri, tmp_path, ended, say=said.append, patience_s=5) as log:
+        with logging(uri, tmp_path, ended, say=messages.append, patience_s=5) as log:
             log.artifact(report)
         assert (log.undelivered, log.refused) == (0, 2)
     runs = runs_of(uri)
     assert {run.info.status for run in runs.values()} == {"FINISHED"}
     assert runs["drawn"].data.metrics == {"seconds": 1.0}
     assert "Errno" in runs["drawn"].data.tags["lidarplace.refused"]
-    assert len(said) == 4
-    assert all(line.startswith("MLflow refuses ") for line in said)
-    assert "Errno" in said[0]
+    assert len(messages) == 4
+    assert all(line.startswith("MLflow refuses ") for line in messages)
+    assert "Errno" in messages[0]
     root.unlink()
     with logging(uri, tmp_path, ended) as log:
         log.artifact(report)
@@ -267,10 +267,10 @@ def test_a_trial_that_cannot_be_told_ends_the_sweep_and_no_other(uri, tmp_path):
 
 
 def test_nobody_is_asked_while_the_log_is_held(uri, tmp_path):
-    begun, asked = Event(), []
+    begun, requests = Event(), []
 
     def ended():
-        asked.append(1)
+        requests.append(1)
         begun.set()
         return [trial_of(1)]
 
@@ -278,11 +278,11 @@ def test_nobody_is_asked_while_the_log_is_held(uri, tmp_path):
         log.follow(ended)
         assert begun.wait(60)
         log.hold()
-        before = len(asked)
+        before = len(requests)
         log.artifact(tmp_path / "missing.html")
         until(lambda: log.refused == 1)  # a look without a question
-        assert len(asked) == before
-    assert len(asked) > before
+        assert len(requests) == before
+    assert len(requests) > before
 
 
 def test_what_stops_an_artifact_for_a_while_and_what_for_good():
@@ -301,8 +301,8 @@ def test_two_sweeps_share_an_experiment(uri, tmp_path):
     mlflow = client(uri)
     experiment = mlflow.get_experiment_by_name("demo").experiment_id
     for key in ("k1", "k2"):
-        found = mlflow.search_runs([experiment], f"tags.`lidarplace.sweep` = '{key}'")
-        assert len({run.info.run_name for run in found}) == len(found) == 3
+        experiment_runs = mlflow.search_runs([experiment], f"tags.`lidarplace.sweep` = '{key}'")
+        assert len({run.info.run_name for run in experiment_runs}) == len(experiment_runs) == 3
 
 
 @contextmanager
@@ -327,16 +327,16 @@ def answering(status):
 
 @pytest.mark.parametrize("status", [429, 500])
 def test_a_server_in_trouble_is_away(tmp_path, status):
-    said = []
+    messages = []
     with (
         answering(status) as address,
-        logging(address, tmp_path, [trial_of(1)], say=said.append, patience_s=0.1) as log,
+        logging(address, tmp_path, [trial_of(1)], say=messages.append, patience_s=0.1) as log,
     ):
         log.artifact(tmp_path / "report.html")
     assert log.undelivered == 3
-    assert " is unreachable, the sweep continues: " in said[0]
-    assert said[1:] == ["MLflow has not got 3 runs or files; the same command delivers them"]
-    assert "s3cret" not in "".join(said)
+    assert " is unreachable, the sweep continues: " in messages[0]
+    assert messages[1:] == ["MLflow has not got 3 runs or files; the same command delivers them"]
+    assert "s3cret" not in "".join(messages)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -351,17 +351,17 @@ def test_a_server_that_will_not_have_the_sweep_is_a_mistake(tmp_path, status):
 
 
 def test_a_server_that_does_not_answer_holds_up_nothing(tmp_path, monkeypatch):
-    """It takes the connection, and that is all."""
+    """The server takes the connection, and that is all."""
     monkeypatch.setattr(mlflow_log, "_OPENS_WITHIN_S", 0.1)
-    said = []
+    messages = []
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         listener.listen()
         address = f"http://127.0.0.1:{listener.getsockname()[1]}"
-        log = logged(address, tmp_path, [trial_of(1)], say=said.append, patience_s=0.1)
+        log = logged(address, tmp_path, [trial_of(1)], say=messages.append, patience_s=0.1)
     assert log.undelivered == 2
-    assert [line.partition(": ")[2] for line in said[:1]] == ["no answer for 0.1 s"]
-    assert said[1].startswith("MLflow has not got 2 runs")
+    assert [line.partition(": ")[2] for line in messages[:1]] == ["no answer for 0.1 s"]
+    assert messages[1].startswith("MLflow has not got 2 runs")
 
 
 def test_mistakes_have_clear_errors(uri, tmp_path, monkeypatch):

@@ -36,8 +36,8 @@ class Postgres:
         (folder / "data").mkdir(mode=0o700)
         if ACCOUNT:
             shutil.chown(folder / "data", ACCOUNT)
-        own = ("-U", "postgres", "-A", "scram-sha-256", "--pwfile", "password")
-        self._run("initdb", "-D", "data", *own).wait(120)
+        options = ("-U", "postgres", "-A", "scram-sha-256", "--pwfile", "password")
+        self._run("initdb", "-D", "data", *options).wait(120)
         self.start()
 
     def start(self) -> None:
@@ -66,8 +66,8 @@ class Postgres:
         path = shutil.which(program)
         assert path is not None
         with (self.folder / "log").open("ab") as log:
-            own = {"cwd": self.folder, "user": ACCOUNT, "stdout": log, "stderr": log}
-            return subprocess.Popen([path, *arguments], **own)
+            process_options = {"cwd": self.folder, "user": ACCOUNT, "stdout": log, "stderr": log}
+            return subprocess.Popen([path, *arguments], **process_options)
 
 
 @pytest.fixture(scope="module")
@@ -85,36 +85,36 @@ def postgres():
 
 def test_a_database_that_is_killed_gets_everything_once(postgres, tmp_path):
     (report := tmp_path / "report.html").write_text("<p>report</p>")
-    said: list[str] = []
+    messages: list[str] = []
 
     def log(seeds, patience_s=60.0):
-        own = {"say": said.append, "patience_s": patience_s}
-        with logging(postgres.uri, tmp_path / "demo", [*map(trial_of, seeds)], **own) as log:
+        keys = {"say": messages.append, "patience_s": patience_s}
+        with logging(postgres.uri, tmp_path / "demo", [*map(trial_of, seeds)], **keys) as log:
             if 4 in seeds:
                 until(lambda: log.undelivered <= len(seeds) - 4)
                 postgres.kill()
-                until(lambda: bool(said))
+                until(lambda: bool(messages))
                 postgres.start()
                 log.artifact(report)
         return log.undelivered
 
     assert log(range(1, 3)) == 0
-    assert said == []
+    assert messages == []
     assert log(range(1, 12)) == 0
-    assert [line.split(" is ")[1].split(",")[0] for line in said] == ["unreachable", "back"]
+    assert [line.split(" is ")[1].split(",")[0] for line in messages] == ["unreachable", "back"]
     postgres.kill()
     assert log([12], patience_s=0.2) == 2
     postgres.start()
     assert log([12, 13]) == 0
     assert_logged_once(absolute_uri(postgres.uri), range(1, 14))
     assert len(list((tmp_path / "demo" / "artifacts").rglob("report.html"))) == 1
-    assert PASSWORD not in "".join(said)
-    assert "s3c%40ret" not in "".join(said)
+    assert PASSWORD not in "".join(messages)
+    assert "s3c%40ret" not in "".join(messages)
 
 
 def test_a_wrong_password_is_an_error_without_it(postgres, tmp_path):
     uri = postgres.uri.replace("s3c%40ret", "other")
-    said: list[str] = []
-    logged(uri, tmp_path, key="k3", say=said.append, patience_s=0.1)
-    assert "password authentication failed" in said[0]
-    assert "other@" not in said[0]
+    messages: list[str] = []
+    logged(uri, tmp_path, key="k3", say=messages.append, patience_s=0.1)
+    assert "password authentication failed" in messages[0]
+    assert "other@" not in messages[0]

@@ -1,7 +1,8 @@
 """A tracking server that is away at the start, killed in the middle, and started again."""
 
-import mlflow_runs_of as made
 import pytest
+
+from tests.tracking import mlflow_runs_of as made
 
 MORE = range(3, 12)
 
@@ -16,22 +17,24 @@ def test_a_server_comes_and_goes_and_gets_everything_once(tmp_path):
     port = made.free_port()
     address = f"http://me:s3cret@127.0.0.1:{port}"
     (report := tmp_path / "report.html").write_text("<p>report</p>")
-    said: list[str] = []
+    lines: list[str] = []
 
     def log(seeds, patience_s=60.0, params=None):
         ended = map(made.trial_of, seeds) if isinstance(seeds, range) else seeds
-        own = {"params": params or {"x": 1}, "say": said.append, "patience_s": patience_s}
-        return made.logging(address, tmp_path / "demo", [*ended], **own)
+        keys = {"params": params or {"x": 1}, "say": lines.append, "patience_s": patience_s}
+        return made.logging(address, tmp_path / "demo", [*ended], **keys)
 
     # Away at the start and never back.
     for patience_s in (0.3, 0.0):
         with log(range(1, 3), patience_s) as away:
             away.artifact(report)
-    assert len(said) == 4
-    assert said[0].startswith(f"MLflow at http://me:***@127.0.0.1:{port} is unreachable, the sweep")
-    assert "s3cret" not in "".join(said)
-    assert said[1].startswith("MLflow has not got 4 runs or files; the same command")
-    said.clear()
+    assert len(lines) == 4
+    assert lines[0].startswith(
+        f"MLflow at http://me:***@127.0.0.1:{port} is unreachable, the sweep"
+    )
+    assert "s3cret" not in "".join(lines)
+    assert lines[1].startswith("MLflow has not got 4 runs or files; the same command")
+    lines.clear()
 
     # There, killed in the middle, started again.
     server = made.start_server(uri, port, tmp_path)
@@ -40,11 +43,11 @@ def test_a_server_comes_and_goes_and_gets_everything_once(tmp_path):
             interrupted.artifact(report)
             made.until(lambda: interrupted.undelivered <= len(MORE) - 5)
             kill(server)
-            made.until(lambda: bool(said))
+            made.until(lambda: bool(lines))
             assert interrupted.undelivered
             server = made.start_server(uri, port, tmp_path)
         assert (interrupted.undelivered, interrupted.refused) == (0, 0)
-        assert [line.split(" is ")[1].split(",")[0] for line in said] == ["unreachable", "back"]
+        assert [line.split(" is ")[1].split(",")[0] for line in lines] == ["unreachable", "back"]
         made.assert_logged_once(address, range(1, MORE.stop))
         assert len(list((tmp_path / "artifacts").rglob("report.html"))) == 1
 

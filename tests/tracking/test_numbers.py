@@ -22,5 +22,5 @@ def test_text_of_a_number(text, expected):
 
 
 def test_probabilities_are_never_certain():
-    said = [percent(p) for p in (0, 0.004, 0.25, 0.99, 0.999, 1)]
-    assert said == ["under 1 %", "under 1 %", "25 %", "99 %", "over 99 %", "over 99 %"]
+    texts = [percent(p) for p in (0, 0.004, 0.25, 0.99, 0.999, 1)]
+    assert texts == ["under 1 %", "under 1 %", "25 %", "99 %", "over 99 %", "over 99 %"]

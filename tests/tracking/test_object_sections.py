@@ -45,8 +45,8 @@ def test_the_report_has_them_beside_the_boxes(run):
     table = individuals_section(Analysis(run)).tables[0].data.set_index(["split", "class"])
     assert list(table.loc[("test", "Car"), ["routes", "boxes", "individuals"]]) == [4, 420, 34]
     assert table.loc[("test", "Car"), "share_of_ten"] == pytest.approx(300 / 420)
-    said = "Car: 420 test boxes are 34 individuals, 10 of which have 71 %"
-    assert any(text.startswith(said) for text in cautions(Analysis(run)))
+    sentence = "Car: 420 test boxes are 34 individuals, 10 of which have 71 %"
+    assert any(text.startswith(sentence) for text in cautions(Analysis(run)))
 
 
 def test_few_individuals_are_a_caution(run):
@@ -100,8 +100,8 @@ def test_points_per_object_and_ap_are_by_ring(run):
 
 def test_recall_by_direction_goes_from_left_to_right(run):
     section = by_sector_section(Analysis(run))
-    own = run.sector.query("`class` == 'Car' and placement == 'line' and iou == 0.7")
-    means = own.groupby("sector")["value"].mean()
+    rows = run.sector.query("`class` == 'Car' and placement == 'line' and iou == 0.7")
+    means = rows.groupby("sector")["value"].mean()
     table = next(t for t in section.tables if t.name == "recall-by-direction-car")
     assert table.head == ("placement", "front left", "front", "front right")
     row = next(r for r in table.rows if r[0] == "line")

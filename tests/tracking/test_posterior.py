@@ -39,8 +39,8 @@ def test_two_placements_by_quadrature():
         for weigh in (False, True)
     )
     noise = Noise(np.array([seeds, seeds]), variance, degrees)
-    found = probability_of_best(np.array([70.0, 72.0]), noise, draws=200_000)
-    assert found[1] == pytest.approx(wins / total, abs=0.004)
+    odds = probability_of_best(np.array([70.0, 72.0]), noise, draws=200_000)
+    assert odds[1] == pytest.approx(wins / total, abs=0.004)
 
 
 def test_unequal_seeds_by_weighted_draws_from_the_prior():
@@ -63,18 +63,18 @@ def test_unequal_seeds_by_weighted_draws_from_the_prior():
 def test_it_happens_as_often_as_said():
     """Worlds drawn from the prior; a flat prior would say 0.11 more than happens."""
     rng = np.random.default_rng(1)
-    said, right, n, seeds = [], [], 6, 3
+    claims, right, n, seeds = [], [], 6, 3
     for i in range(1500):
         between = np.abs(rng.standard_cauchy()) / np.sqrt(seeds)
         truth = between * rng.standard_normal(n)
         y = truth[:, None] + rng.standard_normal((n, seeds))
-        found = probability(y, seed=i, draws=500)
+        odds = probability(y, seed=i, draws=500)
         best = y.mean(axis=1).argmax()
-        said.append(found[best])
+        claims.append(odds[best])
         right.append(truth.argmax() == best)
-    assert np.mean(said) == pytest.approx(np.mean(right), abs=3 * 0.5 / np.sqrt(len(said)))
-    sure = np.array(said) > 0.9
-    shares = np.mean(np.array(said)[sure]), np.mean(np.array(right)[sure])
+    assert np.mean(claims) == pytest.approx(np.mean(right), abs=3 * 0.5 / np.sqrt(len(claims)))
+    sure = np.array(claims) > 0.9
+    shares = np.mean(np.array(claims)[sure]), np.mean(np.array(right)[sure])
     assert shares[0] == pytest.approx(shares[1], abs=3 * 0.2 / np.sqrt(sure.sum()))
 
 
@@ -99,10 +99,10 @@ def test_stiff_cases():
 def test_a_larger_lead_is_surer_however_few_the_seeds():
     """With a prior of thinner tails two seeds each would never be more than 97.5 % sure."""
     noise, leads = Noise(np.array([2, 2]), variance=1.0, degrees=2), (1.0, 10.0, 100.0, 1e4)
-    said = [probability_of_best(np.array([lead, 0.0]), noise)[0] for lead in leads]
-    assert said == sorted(said)
-    assert said[2] > 0.99
-    assert said[3] > 0.999
+    odds = [probability_of_best(np.array([lead, 0.0]), noise)[0] for lead in leads]
+    assert odds == sorted(odds)
+    assert odds[2] > 0.99
+    assert odds[3] > 0.999
 
 
 def worlds(times, n=6, seeds=3, draws=500):
@@ -114,11 +114,11 @@ def worlds(times, n=6, seeds=3, draws=500):
         y = truth[:, None] + rng.standard_normal((n, seeds))
         means, noise = y.mean(axis=1), Noise.of(y)
         good = int(np.argmax(truth + between / 2 * rng.standard_normal(n)))
-        said = expected_regret(means, noise, np.eye(n)[[0, good]], i, draws)
+        regret = expected_regret(means, noise, np.eye(n)[[0, good]], i, draws)
         sd = np.sqrt(noise.variance)
-        for name, choice, found in zip(("any", "good"), (0, good), said, strict=True):
+        for name, choice, lost in zip(("any", "good"), (0, good), regret, strict=True):
             real, measured = truth.max() - truth[choice], means.max() - means[choice]
-            rows.append((name, means.std() / sd, real / sd, measured / sd, *found / sd))
+            rows.append((name, means.std() / sd, real / sd, measured / sd, *lost / sd))
     columns = ["choice", "spread", "true", "measured", "said", "low", "high"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -130,8 +130,8 @@ def check(table):
     assert any_choice["said"].mean() == pytest.approx(any_choice["true"].mean(), abs=error)
     assert any_choice["measured"].mean() > any_choice["true"].mean() + error
     held = (table["low"] <= table["true"] + 1e-9) & (table["true"] <= table["high"] + 1e-9)
-    for _, own in held.groupby(table["choice"]):
-        assert own.mean() > 0.95 - 4 * np.sqrt(0.95 * 0.05 / len(own))
+    for _, rows in held.groupby(table["choice"]):
+        assert rows.mean() > 0.95 - 4 * np.sqrt(0.95 * 0.05 / len(rows))
 
 
 def test_what_is_expected_happens_and_what_is_measured_is_too_much():
@@ -145,23 +145,23 @@ def test_the_same_in_many_worlds():
 
 def test_without_noise_it_is_the_distance_to_the_best():
     y = np.array([[3.0, 3.0], [5.0, 5.0], [4.0, 4.0]])
-    found = expected_regret(y[:, 0], Noise.of(y), np.array([[1, 0, 0], [0, 1, 0], [1 / 3] * 3]))
-    assert found.tolist() == [pytest.approx([x] * 3) for x in (2.0, 0.0, 1.0)]
+    regret = expected_regret(y[:, 0], Noise.of(y), np.array([[1, 0, 0], [0, 1, 0], [1 / 3] * 3]))
+    assert regret.tolist() == [pytest.approx([x] * 3) for x in (2.0, 0.0, 1.0)]
     assert np.isnan(expected_regret(y[:, 0], Noise.of(y[:, :1]), np.eye(3))).all()
 
 
 def test_choices_of_surrogates():
     y = {"a": (70.0, 71), "b": (60.0, 61), "c": (66.0, 67)}
-    rows = [(name, s, value) for name, own in y.items() for s, value in enumerate(own)]
+    rows = [(name, s, value) for name, seeds in y.items() for s, value in enumerate(seeds)]
     best = best_placement(pd.DataFrame(rows, columns=["placement", "seed", "value"]))
     values = {"covered_entropy": [1.0, 2, 3], "residual_entropy": [3.0, 1, 2]}
     values |= {"m_sog": [5.0, 5, 4], "h_pog": [1.0, 1, 1]}
     surrogates = pd.DataFrame(values, index=list("abc"))
-    found = regrets(best, surrogates).set_index("surrogate")
+    by_surrogate = regrets(best, surrogates).set_index("surrogate")
     choice = {"covered_entropy": "c", "residual_entropy": "b", "m_sog": "a, b", AT_RANDOM: ""}
-    assert found["choice"].to_dict() == choice
-    assert found["takes"].tolist() == ["highest", "lowest", "highest", "any"]
-    assert found["behind"].tolist() == pytest.approx([4, 10, 5, 14 / 3])
-    assert (found["low"] <= found["regret"]).all()
-    assert (found["regret"] <= found["high"]).all()
-    assert found["regret"]["residual_entropy"] == found["regret"].max()
+    assert by_surrogate["choice"].to_dict() == choice
+    assert by_surrogate["takes"].tolist() == ["highest", "lowest", "highest", "any"]
+    assert by_surrogate["behind"].tolist() == pytest.approx([4, 10, 5, 14 / 3])
+    assert (by_surrogate["low"] <= by_surrogate["regret"]).all()
+    assert (by_surrogate["regret"] <= by_surrogate["high"]).all()
+    assert by_surrogate["regret"]["residual_entropy"] == by_surrogate["regret"].max()

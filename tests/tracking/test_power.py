@@ -21,13 +21,13 @@ def test_power_by_simulation(rho, n, coefficient):
     x, e = rng.standard_normal((2, 4000, n))
     y = r * x + np.sqrt(1 - r**2) * e
     if coefficient == "pearson":
-        found = np.mean(stats.pearsonr(x, y, axis=1).pvalue <= 0.05)
+        shares = np.mean(stats.pearsonr(x, y, axis=1).pvalue <= 0.05)
     else:
         rank = stats.rankdata(x, axis=1), stats.rankdata(y, axis=1)
         values = stats.pearsonr(*rank, axis=1).statistic
         # Published exact critical values (Zar 1984).
-        found = np.mean(np.abs(values) >= {6: 0.886, 8: 0.738, 20: 0.447}[n] - 5e-4)
-    assert power(rho, n, coefficient) == pytest.approx(found, abs=0.035)
+        shares = np.mean(np.abs(values) >= {6: 0.886, 8: 0.738, 20: 0.447}[n] - 5e-4)
+    assert power(rho, n, coefficient) == pytest.approx(shares, abs=0.035)
 
 
 def test_noise_of_seeds_costs_power():

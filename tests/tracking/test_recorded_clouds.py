@@ -29,10 +29,10 @@ def test_agreement_by_hand(run):
     assert set(table["class"]) == {"Car", "Pedestrian", "all"}, "no cyclist is in it"
     assert len(table) == 2 * 3
     row = table.query("`class` == 'Car' and detector == 'second'").iloc[0]
-    own = run.results.query(
+    rows = run.results.query(
         "`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7 and detector == 'second'"
     )
-    means = own.groupby(["scene.clouds", "placement"])["value"].mean()
+    means = rows.groupby(["scene.clouds", "placement"])["value"].mean()
     real, simulated = (means[kind][list(NAMES)] for kind in BOTH)
     assert row["n"] == 6
     assert row["spearman"] == pytest.approx(stats.spearmanr(simulated, real).statistic)

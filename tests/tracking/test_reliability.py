@@ -57,11 +57,11 @@ def test_what_a_seed_adds_to_all_placements_is_no_noise():
 
 def test_the_seed_s_own_spread_is_estimated_without_bias():
     rng = np.random.default_rng(1)
-    found = []
+    estimates = []
     for _ in range(2000):
         y = 2 * rng.normal(size=(1, 3)) + rng.normal(size=(24, 3)) + rng.normal(size=(24, 1))
-        found.append(Noise.of(y).seed_sd ** 2)
-    assert np.mean(found) == pytest.approx(4, rel=0.1)
+        estimates.append(Noise.of(y).seed_sd ** 2)
+    assert np.mean(estimates) == pytest.approx(4, rel=0.1)
 
 
 def test_other_seeds_under_some_placements_are_not_paired():
@@ -115,8 +115,8 @@ def test_unequal_seeds_recover_the_share_of_variance():
     y = rng.normal(size=(400, 60, 1)) + 0.5 * rng.normal(size=(400, 60, 3))
     y[:, ::2, 2] = np.nan
     assert np.mean(pooled_variance(y)[0]) == pytest.approx(0.25, rel=0.01)
-    found = [of_means(one)[0] for one in y]
-    assert np.mean(found) == pytest.approx(1 / (1 + 0.25 * (1 / 3 + 1 / 2) / 2), abs=0.01)
+    estimates = [of_means(one)[0] for one in y]
+    assert np.mean(estimates) == pytest.approx(1 / (1 + 0.25 * (1 / 3 + 1 / 2) / 2), abs=0.01)
 
 
 def test_stiff_cases():

@@ -26,7 +26,7 @@ VOID = {"meta", "link", "img", "br", "hr", "input", "base", "source"}
 
 
 class Page(HTMLParser):
-    """What a browser would load, show, and read as figures."""
+    """Parts of a page that a browser would load, show, and read as figures."""
 
     def __init__(self, source: str) -> None:
         super().__init__()
@@ -35,14 +35,14 @@ class Page(HTMLParser):
         self._inside, self._contents = None, False
         self.feed(source)
         self.text, kind = " ".join(self.words), "application/json"
-        self.figures = [json.loads(text) for own, text in self.scripts if own.get("type") == kind]
+        self.figures = [json.loads(text) for tag, text in self.scripts if tag.get("type") == kind]
 
     def handle_starttag(self, tag, attrs):
         attributes = dict(attrs)
         self.tags.append(tag)
-        own = [str(attributes[name]) for name in ("src", "href", "data") if name in attributes]
+        urls = [str(attributes[name]) for name in ("src", "href", "data") if name in attributes]
         # A link is followed by a click only.
-        (self.links if tag == "a" else self.loads).extend(own)
+        (self.links if tag == "a" else self.loads).extend(urls)
         if attributes.get("http-equiv") == "Content-Security-Policy":
             self.csp = str(attributes["content"])
         if tag == "script":
@@ -116,13 +116,13 @@ def test_the_sections_are_in_order(page):
 
 def test_the_surrogate_that_a_finding_names_is_in_its_figures(built):
     run = RunFolder.read(built.parent)
-    own = run.results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
-    means = own.groupby("placement", as_index=False)["value"].mean()
+    part = run.results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
+    means = part.groupby("placement", as_index=False)["value"].mean()
     perfect = means.assign(**{"class": "Car", "surrogate": "log_points"})
     others = run.surrogates.query("surrogate == 's_mig'")
     others = others.assign(value=np.random.default_rng(0).permutation(others["value"]))
-    own = replace(run, surrogates=pd.concat([others, perfect]))
-    section = predictors_section(Analysis(own))
+    part = replace(run, surrogates=pd.concat([others, perfect]))
+    section = predictors_section(Analysis(part))
     name = surrogate_name("log_points")
     assert f"The strongest is {name}" in section.notes[0]
     assert name in section.figures[0].to_json()
@@ -184,9 +184,9 @@ def test_studies_of_some_placements_say_of_which(made_up_run, built, tmp_path):
         table = pd.read_parquet(folder / f"{name}.parquet")
         table = table[table["placement"].isin(["line", "trapezoid"])]
         table.to_parquet(folder / f"{name}.parquet", index=False)
-    told = "Worked out for 2 of 5 placements: line, trapezoid."
+    sentence = "Worked out for 2 of 5 placements: line, trapezoid."
     report_of(folder, "accuracy", "sampling_error")
-    assert (folder / "report.md").read_text(encoding="utf-8").count(told) == 2
+    assert (folder / "report.md").read_text(encoding="utf-8").count(sentence) == 2
     assert "Worked out for" not in built.with_suffix(".md").read_text(encoding="utf-8")
 
 
@@ -223,10 +223,10 @@ def test_stages_have_their_own_seconds_from_first_start_to_last_end(tasks):
 
 
 def test_idle_time_counts_for_the_efficiency_of_the_whole(run, tasks):
-    own = tasks.assign(cached=tasks["started"].isna(), node="")
+    uncached = tasks.assign(cached=tasks["started"].isna(), node="")
     work = "3 tasks did 10 s of work on 2 cores in 11 s"
-    said = where_time_went(Analysis(replace(run, tasks=own))).notes[1]
-    assert said.startswith(f"{work}: parallel efficiency {10.5 / 22:.2f}, ")
+    note = where_time_went(Analysis(replace(run, tasks=uncached))).notes[1]
+    assert note.startswith(f"{work}: parallel efficiency {10.5 / 22:.2f}, ")
 
 
 def test_a_sweep_of_surrogates_alone_ranks_placements_on_a_small_page(tmp_path):
@@ -287,8 +287,8 @@ def test_the_command_rebuilds_it_or_says_what_is_wrong(tmp_path):
     built = write_run(tmp_path / "run", names=["line"], detectors=()) / "report.html"
 
     def report(folder):
-        done = CliRunner().invoke(app, [str(folder)], catch_exceptions=False)
-        return done.exit_code, done.stdout.strip(), done.stderr
+        result = CliRunner().invoke(app, [str(folder)], catch_exceptions=False)
+        return result.exit_code, result.stdout.strip(), result.stderr
 
     assert report(built.parent) == (0, str(built), "")
     page = Page(built.read_text(encoding="utf-8"))

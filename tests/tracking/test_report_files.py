@@ -1,4 +1,4 @@
-"""What lies beside a report: Markdown, CSV files; and the limit of the page."""
+"""Files beside a report (Markdown, CSV) and the limit of the page."""
 
 import re
 
@@ -32,8 +32,8 @@ def test_every_entry_of_the_contents_has_its_section(reported_run):
 def test_csv_files_hold_unrounded_numbers(reported_run):
     table = pd.read_csv(reported_run / "tables" / "placements-car.csv").set_index("placement")
     results = pd.read_parquet(reported_run / "results.parquet")
-    own = results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
-    means = own.groupby("placement")["value"].mean()
+    rows = results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
+    means = rows.groupby("placement")["value"].mean()
     assert set(table.index) == set(NAMES)
     for name in NAMES:
         assert table.loc[name, "3D AP @ 0.7 (%) mean"] == pytest.approx(means[name], rel=1e-12)
@@ -42,9 +42,9 @@ def test_csv_files_hold_unrounded_numbers(reported_run):
 
 def test_markdown_has_every_table_of_the_page(reported_run):
     text = (reported_run / "report.md").read_text(encoding="utf-8")
-    shown = Page((reported_run / "report.html").read_text(encoding="utf-8"))
+    page = Page((reported_run / "report.html").read_text(encoding="utf-8"))
     # The verdicts are paragraphs there.
-    assert len(re.findall(r"^\| :?---", text, re.M)) == shown.tags.count("table") - 1
+    assert len(re.findall(r"^\| :?---", text, re.M)) == page.tags.count("table") - 1
     assert text.startswith("# grid\n")
     assert "**Highest mean for Car" in text
     assert "pyramid \\<b\\>\\&amp;" in text
@@ -79,9 +79,9 @@ def test_a_page_that_would_be_too_large_leaves_its_heaviest_figures_out(
     monkeypatch.setattr("tracking.pages.html_page.LARGEST_PAGE", whole - 50_000)
     assert write() <= whole - 50_000
     assert [figure_title(plot) for plot in section.figures] == ["a"]
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "left out to stay below" in said
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert "left out to stay below" in message
     assert "Left out, so that the page stays below" in Page(target.read_text("utf-8")).text
 
 
@@ -102,11 +102,11 @@ def test_a_slug_is_a_safe_name():
 def test_columns_full_of_dashes_are_left_out_and_stressed_cells_move_along():
     rows = (("a", "–", "1", "–"), ("b", "–", "–", "–"))
     stressed = frozenset({(0, 2), (1, 1)})
-    shown = Table("t", ("rig", "sd", "mean", "p"), rows, stressed, frozenset({0})).without_dashes()
-    assert shown.head == ("rig", "mean")
-    assert shown.rows == (("a", "1"), ("b", "–"))
-    assert shown.best == {(0, 1)}
-    assert shown.words == {0}
+    table = Table("t", ("rig", "sd", "mean", "p"), rows, stressed, frozenset({0})).without_dashes()
+    assert table.head == ("rig", "mean")
+    assert table.rows == (("a", "1"), ("b", "–"))
+    assert table.best == {(0, 1)}
+    assert table.words == {0}
     empty = Table("t", ("rig", "sd"), ())
     assert empty.without_dashes() == empty
 

@@ -17,7 +17,7 @@ from tracking.run_folders.sweep import RunFolder
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory) -> Analysis:
+def analysis(tmp_path_factory) -> Analysis:
     path = tmp_path_factory.mktemp("groups") / "run"
     folder = write_run(path, detectors=("second", "pointpillars"), densities=(40, 120))
     run = RunFolder.read(folder)
@@ -27,13 +27,13 @@ def found(tmp_path_factory) -> Analysis:
     return Analysis(replace(run, surrogates=run.surrogates.assign(value=values), **parts))
 
 
-def test_of_many_findings_the_first_are_listed(found):
-    section = predictors_section(found)
+def test_of_many_findings_the_first_are_listed(analysis):
+    section = predictors_section(analysis)
     assert f"The first {MOST_SENTENCES} of 12 cases; the table has all." in section.notes
     # 5 placements: a perfect order has p = 2 / 5!, times the tests.
-    tests = int(found.correlations["spearman_tests"].iloc[0])
-    said = f" With 5 placements and {tests} tests not even a perfect order could be shown."
-    assert all(note.endswith(said) for note in section.notes[:MOST_SENTENCES])
+    tests = int(analysis.correlations["spearman_tests"].iloc[0])
+    sentence = f" With 5 placements and {tests} tests not even a perfect order could be shown."
+    assert all(note.endswith(sentence) for note in section.notes[:MOST_SENTENCES])
     assert len({row[1] for row in section.tables[0].rows}) == 4
 
 
@@ -47,34 +47,34 @@ def test_the_first_screen_has_the_answer_the_picture_then_all_verdicts(tmp_path)
     assert [first.count(part) for part in parts] == [1, 1, 1]
     assert first.count("Highest mean for Car · ") == 6
     # On paper a table that is cut says so; the verdicts, which are in no CSV file, never are.
-    found = re.findall(r'class="table (?:few|wide)(?: tall)?( cut)?"(.*?)</table>', page, re.S)
-    assert {bool(cut) for cut, _ in found} == {True, False}
-    for cut, body in found:
+    tables = re.findall(r'class="table (?:few|wide)(?: tall)?( cut)?"(.*?)</table>', page, re.S)
+    assert {bool(cut) for cut, _ in tables} == {True, False}
+    for cut, body in tables:
         assert bool(cut) == (body.count("<tr>") - 1 > 24)
 
 
-def test_a_few_findings_name_detector_and_setting(found):
-    results = found.run.results
-    few = replace(found.run, results=results[results["detector"] == "second"])
+def test_a_few_findings_name_detector_and_setting(analysis):
+    results = analysis.run.results
+    few = replace(analysis.run, results=results[results["detector"] == "second"])
     cars = [note for note in predictors_section(Analysis(few)).notes if "Car, 3D AP" in note]
     assert len(cars) == 2 <= MOST_SENTENCES
     assert [note.split(" · ")[0] for note in cars] == ["density = 40", "density = 120"]
 
 
-def test_the_most_sensitive_is_named_with_its_setting(found):
-    (said,) = (note for note in sensitivity_section(found).notes if note.startswith("Car: "))
-    assert "the most of 4 detectors and settings" in said
-    assert "density = " in said
+def test_the_most_sensitive_is_named_with_its_setting(analysis):
+    (sentence,) = (note for note in sensitivity_section(analysis).notes if note.startswith("Car: "))
+    assert "the most of 4 detectors and settings" in sentence
+    assert "density = " in sentence
 
 
-def test_density_has_a_column_for_each_and_the_papers_own(found):
-    section = density_section(found)
+def test_density_has_a_column_for_each_and_the_papers_own(analysis):
+    section = density_section(analysis)
     car = [t for t in section.tables if t.caption.startswith("Car · 3D AP @ 0.7 (%) · ")]
     assert [t.caption.rsplit(" ", 1)[1] for t in car] == ["second", "pointpillars"]
     assert car[0].head == ("placement", "density 40", "density 120", "change (points)")
-    own = car[0].data.query("placement == 'line'").set_index("scene.density")["mean (%)"]
+    densities = car[0].data.query("placement == 'line'").set_index("scene.density")["mean (%)"]
     row = next(row for row in car[0].rows if row[0] == "line")
-    assert row[-1] == points(own[120] - own[40])
+    assert row[-1] == points(densities[120] - densities[40])
     assert "published-density" in [table.name for table in section.tables]
 
 
@@ -82,9 +82,9 @@ def test_the_papers_own_surrogates_meet_its_own_ap():
     section = Section("published")
     add_published_surrogates(section)
     table = section.tables[0].data
-    own = table.query("over == 'placements' and metric == 'AP_R40_3D' and detector == 'pv_rcnn'")
+    rows = table.query("over == 'placements' and metric == 'AP_R40_3D' and detector == 'pv_rcnn'")
     # Five pairs (S-MIG, AP): ranks 5 2 4 1 3 against 4 3 5 2 1.
-    assert own.iloc[0][["n", "spearman"]].tolist() == [5, pytest.approx(0.6)]
+    assert rows.iloc[0][["n", "spearman"]].tolist() == [5, pytest.approx(0.6)]
     dense = table[table["over"] == "densities"]
     assert set(dense["surrogate"]) == {"s_mig", "h_pog", "ig"}
     assert dense["spearman_p"].min() == pytest.approx(1 / 3)

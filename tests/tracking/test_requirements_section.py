@@ -27,10 +27,10 @@ NEAR, FAR = "near / left", "far <3 m>"
 
 
 def case(placement, requirement, name, value, at_least):
-    asked = {"requirement": requirement, "measure": "points", "at_least": at_least, "for": 0.9}
-    found = {"met": value >= at_least, "value": value, "short_by": max(0.0, at_least - value)}
+    row = {"requirement": requirement, "measure": "points", "at_least": at_least, "for": 0.9}
+    value_row = {"met": value >= at_least, "value": value, "short_by": max(0.0, at_least - value)}
     place = {"enough": 0.5, "x": 1.0, "y": -2.0, "heading_deg": 45.0, "at_worst": 0.0}
-    return {"placement": placement, "case": name, **asked, **found, **place}
+    return {"placement": placement, "case": name, **row, **value_row, **place}
 
 
 @pytest.fixture(scope="module")
@@ -54,14 +54,14 @@ def folder(made_up_run, tmp_path_factory) -> Path:
 
 def test_the_worst_case_decides(folder):
     run = RunFolder.read(folder)
-    found = worst_requirements(run, {})
-    assert len(found) == 2 * len(run.placements)
+    worst = worst_requirements(run, {})
+    assert len(worst) == 2 * len(run.placements)
     number = {name: i for i, name in enumerate(run.placements)}
-    for name, row in found[found["requirement"] == NEAR].set_index("placement").iterrows():
+    for name, row in worst[worst["requirement"] == NEAR].set_index("placement").iterrows():
         dead = 2.0 * number[name] < 20.0
         assert row["case"] == ("without LiDAR 1" if dead else "as built")
         assert row["met"] == (number[name] >= 5)
-        assert met(found)[name] == ("2 of 2" if number[name] >= 5 else "1 of 2")
+        assert met(worst)[name] == ("2 of 2" if number[name] >= 5 else "1 of 2")
 
 
 def test_grounds_are_read_as_they_were_written(folder):
@@ -102,9 +102,9 @@ def test_a_wrong_file_is_told_by_name(folder, tmp_path):
 
 def test_metrics_of_mlflow(folder):
     cases = pd.read_parquet(folder / "requirements.parquet")
-    own = cases[cases["placement"] == cases["placement"].iloc[0]]
+    of_first = cases[cases["placement"] == cases["placement"].iloc[0]]
     shares = {"requirement.near _ left": 0.0, "requirement.far _3 m_": 1.4}
-    assert requirement_metrics(own) == shares | {"requirements_failed": 1.0}
+    assert requirement_metrics(of_first) == shares | {"requirements_failed": 1.0}
 
 
 def drawn(numbers, held, needed):
@@ -112,19 +112,19 @@ def drawn(numbers, held, needed):
     positions = Positions(np.arange(len(held)) * 1.0, np.arange(held.shape[1]) * 1.0, held)
     wanted = Requirement("<who>", Area(), "points", needed)
     worst = CaseResult("as built", 0.0, 0.5, 3.0, 0.0, 0.0, 0.0)
-    found = RequirementResult("a<b", wanted, (worst,), positions, numbers[held])
-    (row,) = worst_cases(case_table([found]), []).to_dict("records")
+    result = RequirementResult("a<b", wanted, (worst,), positions, numbers[held])
+    (row,) = worst_cases(case_table([result]), []).to_dict("records")
     mounts = PAPER_PLACEMENTS["line"].mounts
-    plot = requirement_map(row, Ground.of(found), "a<b", mounts, outline(Vehicle.car()))
+    plot = requirement_map(row, Ground.of(result), "a<b", mounts, outline(Vehicle.car()))
     assert plot.layout.title.text == "a&lt;b · &lt;who&gt;: FAILED"
     return plot.data[0]
 
 
 def test_colours_are_in_terms_of_the_need():
     numbers = np.array([[0.0, 5.0], [10.0, 90.0]])
-    shown = drawn(numbers, np.array([[True, True], [True, True]]), 10.0)
-    assert shown.z.tolist() == [[0.0, 1.0], [0.5, 2.0]], "rows run along y"
-    assert np.array_equal(shown.customdata, numbers.T)
+    figure = drawn(numbers, np.array([[True, True], [True, True]]), 10.0)
+    assert figure.z.tolist() == [[0.0, 1.0], [0.5, 2.0]], "rows run along y"
+    assert np.array_equal(figure.customdata, numbers.T)
 
 
 def test_of_many_positions_the_worst_is_seen():
@@ -132,9 +132,9 @@ def test_of_many_positions_the_worst_is_seen():
     numbers[333, 1] = 1.0
     held = np.ones((500, 3), bool)
     held[:, 2] = False
-    shown = drawn(numbers, held, 10.0)
-    assert shown.z.shape[1] <= 160
-    assert np.nanmin(shown.customdata) == 1.0
-    assert (shown.customdata[1] == 1.0).sum() == 1
-    assert np.isnan(shown.customdata[2]).all()
-    assert abs(shown.x[int(shown.customdata[1].argmin())] - 333) < 4
+    figure = drawn(numbers, held, 10.0)
+    assert figure.z.shape[1] <= 160
+    assert np.nanmin(figure.customdata) == 1.0
+    assert (figure.customdata[1] == 1.0).sum() == 1
+    assert np.isnan(figure.customdata[2]).all()
+    assert abs(figure.x[int(figure.customdata[1].argmin())] - 333) < 4

@@ -38,12 +38,12 @@ def test_a_training_that_diverged_has_infinity(copy):
 @pytest.mark.parametrize("kind", ["Int64", "Float32", "object"])
 def test_missing_numbers_of_any_kind_are_nan(copy, kind):
     curves = pd.read_parquet(copy / "curves.parquet")
-    known = None if kind == "object" else 1
-    curves["value"] = pd.Series([known, *[None] * (len(curves) - 1)], dtype=kind)
+    number = None if kind == "object" else 1
+    curves["value"] = pd.Series([number, *[None] * (len(curves) - 1)], dtype=kind)
     curves.to_parquet(copy / "curves.parquet")
     values = RunFolder.read(copy).curves["value"]
     assert values.dtype == np.float64
-    assert values.notna().sum() == (known is not None)
+    assert values.notna().sum() == (number is not None)
 
 
 @pytest.mark.parametrize("file", ["results", "surrogates", "trials", "sampling_error"])
@@ -69,16 +69,16 @@ def test_what_is_written_is_read(run, tmp_path):
     shutil.copy(run.path / "config.yaml", again)
     for written in (run.sweep, run.maps, run.frame, run.failures):
         written.write(again)
-    there = [table for table in TABLES if getattr(run, table.name) is not None]
-    assert len(there) > 10
-    for table in there:
+    tables = [table for table in TABLES if getattr(run, table.name) is not None]
+    assert len(tables) > 10
+    for table in tables:
         table.write(getattr(run, table.name), again)
     read = RunFolder.read(again)
     assert read.sweep == run.sweep
     assert (tuple(read.placements), read.classes, read.axes) == (NAMES, CLASSES, ())
     assert read.placements["line"][0].y == -0.6
     assert read.maps.pog["Car"].shape == read.roi.shape[:2] == (40, 40)
-    for table in there:
+    for table in tables:
         assert_frame_equal(getattr(read, table.name), getattr(run, table.name))
     for name in ("maps", "frame", "failures"):
         np.testing.assert_equal(vars(getattr(read, name)), vars(getattr(run, name)))
@@ -133,8 +133,8 @@ def test_the_summary_has_a_row_a_placement_best_first(run):
     line = table.set_index("placement").loc["line"]
     covered = run.surrogates.query("placement == 'line' and surrogate == 'covered_entropy'")
     assert line["covered entropy"] == pytest.approx(covered["value"].sum())
-    own = run.results.query("placement == 'line' and `class` == 'all'")
-    assert line["recall@0.5"] == pytest.approx(own["value"].mean())
+    rows = run.results.query("placement == 'line' and `class` == 'all'")
+    assert line["recall@0.5"] == pytest.approx(rows["value"].mean())
 
 
 def test_the_summary_tells_axes_and_detectors_apart(tmp_path):
@@ -160,8 +160,8 @@ def test_without_results_the_summary_ranks_by_expected_recall(tmp_path):
         *("E-recall", "covered entropy", "S-MIG"),
     ]
     for density, part in table.groupby("scene.density"):
-        own = run.surrogates[run.surrogates["scene.density"] == density]
-        sums = own.groupby(["surrogate", "placement"])["value"].sum()
+        rows = run.surrogates[run.surrogates["scene.density"] == density]
+        sums = rows.groupby(["surrogate", "placement"])["value"].sum()
         best = sums["expected_recall"].nlargest(20) / 3
         assert part["placement"].tolist() == best.index.tolist()
         assert part["E-recall"].tolist() == pytest.approx(best.tolist())
@@ -181,11 +181,11 @@ def test_without_results_the_summary_ranks_by_expected_recall(tmp_path):
 def test_what_was_computed_decides(tmp_path, computed, decides):
     folder = write_run(tmp_path / "alone", names=["a", "b", "c"], detectors=())
     surrogates = pd.read_parquet(folder / "surrogates.parquet")
-    own = surrogates[surrogates["surrogate"].isin(computed)]
-    own.to_parquet(folder / "surrogates.parquet")
+    rows = surrogates[surrogates["surrogate"].isin(computed)]
+    rows.to_parquet(folder / "surrogates.parquet")
     run = RunFolder.read(folder)
     assert deciding_surrogate(run.surrogates) == decides
-    total = own[own["surrogate"] == decides].groupby("placement")["value"].sum()
+    total = rows[rows["surrogate"] == decides].groupby("placement")["value"].sum()
     order = total.sort_values(ascending=False).index.tolist()
     assert by_surrogate(run.surrogates) == summary_table(run)["placement"].tolist() == order
 

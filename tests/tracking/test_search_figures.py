@@ -1,4 +1,4 @@
-"""What the figures of a search show, in numbers."""
+"""Numbers that the figures of a search plot."""
 
 import numpy as np
 import pandas as pd
@@ -63,7 +63,7 @@ def test_maps_share_a_scale_and_the_difference_is_about_zero():
 def test_the_menu_shows_one_rig_and_its_axes_turn_with_it():
     turned = rig((1.0, 0.0, 2.0, 0.0, 0.0, np.pi / 2))
     rigs = {"a": turned, "b": rig((0, 0, 3, 0, 0, 0), (0, 1, 3, 0, 0, 0))}
-    pictured = {name: PicturedRig.found(own) for name, own in rigs.items()}
+    pictured = {name: PicturedRig.found(flags) for name, flags in rigs.items()}
     plot = rig_picture(pictured, NO_BODY, [ROOF])
     forward = trace(plot, "sensor's x")
     ends = np.stack([forward.x, forward.y, forward.z], axis=1)
@@ -72,9 +72,9 @@ def test_the_menu_shows_one_rig_and_its_axes_turn_with_it():
     assert [button.label for button in buttons] == ["a", "b"]
     assert list(buttons[0].args[0]["visible"]) == [t.visible for t in plot.data]
     visible = [button.args[0]["visible"] for button in buttons]
-    shown = [[t for t, on in zip(plot.data, own, strict=True) if on] for own in visible]
-    assert [len(next(t for t in own if t.name == "LiDAR").x) for own in shown] == [1, 2]
-    assert all(any(t.name == "zones" for t in own) for own in shown)
+    traces = [[t for t, on in zip(plot.data, flags, strict=True) if on] for flags in visible]
+    assert [len(next(t for t in flags if t.name == "LiDAR").x) for flags in traces] == [1, 2]
+    assert all(any(t.name == "zones" for t in flags) for flags in traces)
     low, high = plot.layout.scene.zaxis.range
     assert low < 1.5
     assert high > 3  # the rig that is not shown fits as well

@@ -1,4 +1,4 @@
-"""What the reader of a search's folder refuses, and how."""
+"""Folders of a search that the reader refuses, and the messages."""
 
 import json
 import math
@@ -24,9 +24,9 @@ def test_a_complete_folder_is_read_whole(tmp_path):
     assert [*run.pog] == [*run.unseen] == ["Car", "Cyclist"]
     assert [*run.unseen["Car"]] == ["found_1", "line"]
     rig = run.rig_of(run.trials.loc[7])
-    found = run.search.rigs["found_1"]
-    np.testing.assert_allclose(rig.mounts, found.mounts, atol=1e-12)
-    assert (rig.models, rig.zones, rig.searched) == (found.models, found.zones, found.searched)
+    best = run.search.rigs["found_1"]
+    np.testing.assert_allclose(rig.mounts, best.mounts, atol=1e-12)
+    assert (rig.models, rig.zones, rig.searched) == (best.models, best.zones, best.searched)
 
 
 def test_what_is_not_known_is_null_in_the_file(folder):

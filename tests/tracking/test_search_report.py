@@ -75,9 +75,9 @@ def page(folder: Path) -> Page:
 def test_the_first_screen_tells_value_peers_bound_mounts_and_commands(folder, page):
     assert "expected_ig 1,212.1 nats" in page.words
     assert "+21.2 % against line, the best of the paper's eight (1,000.0 nats)." in page.words
-    below = "1,200.0 nats, at most 4.0 % below the best possible of 480 candidate mounts"
+    bound = "1,200.0 nats, at most 4.0 % below the best possible of 480 candidate mounts"
     rays = "rays of 1 in 4 azimuth steps"
-    assert f"As searched, with {rays}: {below} (upper bound 1,250.0 nats)." in page.words
+    assert f"As searched, with {rays}: {bound} (upper bound 1,250.0 nats)." in page.words
     fired = f"It fired {rays}, with weight"
     assert f"{fired}: the error is at most 0.2 % of one rig's value." in page.text
     assert "Feasible: it keeps all 2 constraints." in page.words
@@ -87,10 +87,10 @@ def test_the_first_screen_tells_value_peers_bound_mounts_and_commands(folder, pa
     table = page.words[page.words.index("found_1 · expected_ig 1,212.1 nats") :]
     cells = [word.strip() for word in table if word.strip()]
     assert cells[4:10] == ["x (m)", "y (m)", "z (m)", "roll (°)", "pitch (°)", "yaw (°)"]
-    shown = [float(cell.replace("−", "-")) for cell in cells[13:19]]
-    assert shown[:3] == pytest.approx([trial[f"lidar_1.{k}_m"] for k in "xyz"], abs=5e-4)
+    degrees = [float(cell.replace("−", "-")) for cell in cells[13:19]]
+    assert degrees[:3] == pytest.approx([trial[f"lidar_1.{k}_m"] for k in "xyz"], abs=5e-4)
     angles = [trial[f"lidar_1.{k}_deg"] for k in ("roll", "pitch", "yaw")]
-    assert shown[3:] == pytest.approx(angles, abs=5e-3)
+    assert degrees[3:] == pytest.approx(angles, abs=5e-3)
 
 
 def test_the_verified_lead_says_what_its_interval_and_its_seeds_are_worth(folder):
@@ -103,8 +103,8 @@ def test_the_verified_lead_says_what_its_interval_and_its_seeds_are_worth(folder
         row = {"rig": best, "class": "all", "metric": "recall", "difference": (low + high) / 2}
         chosen = pd.DataFrame([row | {"difference_low": low, "difference_high": high}])
         config = f"search: {{seeds: {list(range(seeds))}}}"
-        found = replace(run, search=search, chosen=chosen, config=config)
-        return " ".join(answer(found).lines), next_steps(found)[0].line
+        changed = replace(run, search=search, chosen=chosen, config=config)
+        return " ".join(answer(changed).lines), next_steps(changed)[0].line
 
     weak, command = said(-2.8, 7, 2)
     assert "+2.1 points (95 % CI −2.8 to +7.0), not significant." in weak
@@ -312,8 +312,8 @@ def test_the_best_of_the_paper_is_so_with_all_rays(tmp_path):
 def test_without_fewer_rays_there_is_nothing_to_tell_apart(tmp_path):
     folder = write_search(tmp_path / "all", stride=None, sampler_seconds=0, evaluation_seconds=0)
     page = page_of(folder)
-    below = "At most 4.0 % below the best possible of 480 candidate mounts"
-    assert f"{below} (upper bound 1,250.0 nats)." in page.words
+    bound = "At most 4.0 % below the best possible of 480 candidate mounts"
+    assert f"{bound} (upper bound 1,250.0 nats)." in page.words
     assert "1 in 4" not in page.text
     assert "all rays" not in page.text
     assert "last command: sampler" not in page.text
@@ -396,5 +396,5 @@ def test_peers_without_a_price_and_of_which_model(tmp_path):
 
 
 def test_the_command_rebuilds_it(folder):
-    done = CliRunner().invoke(app, [str(folder)], catch_exceptions=False)
-    assert done.stdout.strip() == str(folder / "search.html")
+    result = CliRunner().invoke(app, [str(folder)], catch_exceptions=False)
+    assert result.stdout.strip() == str(folder / "search.html")

@@ -44,8 +44,8 @@ def places(value, at=()):
     """Key paths of everything in nested data."""
     yield at
     if isinstance(value, (dict, list)):
-        for key, own in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from places(own, (*at, key))
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from places(item, (*at, key))
 
 
 def test_wrong_types_everywhere(tmp_path, sweep):
@@ -71,8 +71,8 @@ def test_wrong_types_everywhere(tmp_path, sweep):
 @pytest.mark.parametrize("key", NEEDED)
 def test_a_key_that_is_missing_or_null_is_named(folder, sweep, key):
     for changed in ({k: v for k, v in sweep.items() if k != key}, sweep | {key: None}):
-        told = refused(folder, json.dumps(changed))
-        assert (told.key, "None" in str(told)) == (key, key in changed)
+        message = refused(folder, json.dumps(changed))
+        assert (message.key, "None" in str(message)) == (key, key in changed)
 
 
 @pytest.mark.parametrize(

@@ -38,9 +38,9 @@ def test_error_is_what_the_longest_training_gains(run):
     one = "placement == 'line' and seed == 2 and `class` == 'Car' and `scene.density` == 80"
     short = "`training.epochs` == 1 and `training.frame_share` == 0.25"
     row = cost.query(f"{one} and {short}").iloc[0]
-    own = run.results.query(f"{one} and metric == 'AP_R40_3D' and iou == 0.7")
-    own = own.set_index(list(COST_AXES))["value"]
-    assert row["error"] == pytest.approx(own[4, 1.0] - own[1, 0.25])
+    rows = run.results.query(f"{one} and metric == 'AP_R40_3D' and iou == 0.7")
+    rows = rows.set_index(list(COST_AXES))["value"]
+    assert row["error"] == pytest.approx(rows[4, 1.0] - rows[1, 0.25])
 
 
 def test_the_longest_training_of_many():
@@ -78,8 +78,8 @@ def test_summary_ranks_placements_as_the_longest_training_does(run):
 
 def test_the_figure_has_a_point_a_training_and_a_star_for_the_longest(run):
     cost = training_cost(run.results, run.curves, run.axes)
-    own = summarise_cost(cost[(cost["class"] == "Car") & (cost["scene.density"] == 40)], COST_AXES)
-    (line,) = training_cost_figure(own, COST_AXES, "Car").data
+    rows = summarise_cost(cost[(cost["class"] == "Car") & (cost["scene.density"] == 40)], COST_AXES)
+    (line,) = training_cost_figure(rows, COST_AXES, "Car").data
     assert line.x.tolist() == [2, 8, 8, 32]
     assert [*zip(line.marker.symbol, line.y == 0, strict=True)][-1] == ("star", True)
     assert line.marker.symbol.count("star") == 1

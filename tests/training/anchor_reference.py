@@ -37,32 +37,32 @@ def assert_first_stage_and_proposals_are_openpcdets(data, model, first):
     logits, anchors = model.dense_head.decode(first.head)
     assert worst_error(data, "eval/dense_head/batch_cls_preds", logits) < 2e-4
     assert worst_error(data, "eval/dense_head/batch_box_preds", anchors) < 2e-4
-    found = model.roi_head.propose(logits, anchors)
+    proposals = model.roi_head.propose(logits, anchors)
     boxes, scores = of_roi_head(data, "rois"), of_roi_head(data, "roi_scores")
-    assert torch.equal(found.labels, of_roi_head(data, "roi_labels"))
-    assert worst_error(data, "eval/roi_head/rois", found.boxes) < 1e-3
-    torch.testing.assert_close(found.scores, scores, rtol=5e-5, atol=1e-5)
+    assert torch.equal(proposals.labels, of_roi_head(data, "roi_labels"))
+    assert worst_error(data, "eval/roi_head/rois", proposals.boxes) < 1e-3
+    torch.testing.assert_close(proposals.scores, scores, rtol=5e-5, atol=1e-5)
     # Sizes are exponentials of numbers up to 50, so noise is relative.
-    torch.testing.assert_close(found.boxes, boxes, rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(proposals.boxes, boxes, rtol=1e-3, atol=1e-3)
 
 
 def assert_head_is_openpcdets(model, data, output):
     """Raw outputs, decoded boxes, detections."""
     logits, boxes = model.dense_head.decode(output)
-    found = {
+    selected = {
         "raw/dense_head/cls_preds": output.logits,
         "raw/dense_head/box_preds": output.residuals,
         "raw/dense_head/dir_cls_preds": output.directions,
         "eval/dense_head/batch_cls_preds": logits,
         "eval/dense_head/batch_box_preds": boxes,
     }
-    assert all(worst_error(data, *item) < 1e-4 for item in found.items())
+    assert all(worst_error(data, *item) < 1e-4 for item in selected.items())
     for frame in range(len(logits)):
         scores = logits[frame].sigmoid()
         theirs = _rows(*(data[f"final_{frame}/pred_{name}"] for name in _COLUMNS))
         if len(np.unique(theirs[:, 7])) > len(theirs) / 2:
-            found = select_boxes(logits[frame], boxes[frame], model.selection)
-            ours = _rows(*(found[name].detach() for name in _COLUMNS))
+            selected = select_boxes(logits[frame], boxes[frame], model.selection)
+            ours = _rows(*(selected[name].detach() for name in _COLUMNS))
             assert len(ours) == len(theirs)
         else:
             # Most scores are exactly 1, and the order of equal scores is chance on either side.

@@ -23,7 +23,7 @@ _BITS = {torch.float64: torch.int64, torch.float32: torch.int32}
 
 
 class LastBits(TorchDispatchMode):
-    """In its block FUNCTIONS of torch give the next number above, the next below, or what they do.
+    """Block in which FUNCTIONS of torch give the next number above or below, or their own.
 
     As on a machine, the same value always gives the same; which of the three, a hash of it and of
     `seed` decides. 0, 1, -1 and what is not finite stay: they are bounds of these functions, or

@@ -1,4 +1,4 @@
-"""What OpenPCDet's networks give for random weights, and how to compare with it.
+"""Outputs of OpenPCDet's networks for random weights, and comparisons with them.
 
 tests/data/openpcdet/<model>.npz: a network of OpenPCDet's kitti_models at commit 8cacccec
 (Apache-2.0). `keys`, `shapes` (JSON), `dtypes`: its state_dict. `seed`: of the weights, by the rule
@@ -64,18 +64,18 @@ def points(data) -> list[torch.Tensor]:
 
 
 def of_roi_head(data, name: str) -> torch.Tensor:
-    """What OpenPCDet's second stage has, whole."""
+    """Read a whole output of OpenPCDet's second stage."""
     return torch.from_numpy(data[f"eval/roi_head/{name}/full"])
 
 
 def worst_error(data, name: str, value: torch.Tensor) -> float:
     """Largest difference of `value` from OpenPCDet's, over the largest absolute value of those."""
-    found = value.detach().cpu().numpy()
+    ours = value.detach().cpu().numpy()
     if f"{name}/full" in data:
         expected = data[f"{name}/full"].astype(np.float64)
-        assert found.shape == expected.shape
+        assert ours.shape == expected.shape
     else:
-        assert found.size == data[f"{name}/shape"].prod() or -1 in data[f"{name}/shape"]
+        assert ours.size == data[f"{name}/shape"].prod() or -1 in data[f"{name}/shape"]
         expected = data[f"{name}/value"].astype(np.float64)
-        found = found[np.unravel_index(data[f"{name}/index"], found.shape)]
-    return float(np.abs(found - expected).max() / np.abs(expected).max())
+        ours = ours[np.unravel_index(data[f"{name}/index"], ours.shape)]
+    return float(np.abs(ours - expected).max() / np.abs(expected).max())

@@ -28,7 +28,7 @@ _MOVES = (_aten._to_copy.default, _aten.copy_.default)
 
 
 class Memory(_DummyBackendModule):
-    """What torch.cuda is to a GPU; counts the bytes of the tensors that are alive."""
+    """Counterpart of torch.cuda; counts the bytes of the tensors that are alive."""
 
     total = 1 << 40  # bytes that there are
     bfloat16 = True  # whether there is hardware for it
@@ -59,7 +59,7 @@ class Memory(_DummyBackendModule):
             self.taken -= self._sizes.pop(place)
 
     def empty_cache(self) -> None:
-        """Nothing is cached."""
+        """Do nothing: there is no cache."""
 
     def reset_peak_memory_stats(self, device=None) -> None:
         self.peak = self.taken

@@ -6,7 +6,7 @@ from torch.nn import functional
 
 
 def waken(module):
-    """In evaluation mode, with batch norms that are no identity."""
+    """Switch to evaluation mode, with batch norms that are no identity."""
     for name, value in module.state_dict().items():
         if name.endswith("running_mean"):
             value.uniform_(-0.5, 0.5)
@@ -31,7 +31,7 @@ def as_images(layers, image):
 
 
 def ball_features(module, xyz, features, place):
-    """What a set abstraction makes of one place, as images of one row."""
+    """Features of one place by a set abstraction, as images of one row."""
     result = []
     for radius, samples, layers in zip(module.radii, module.samples, module.mlps, strict=True):
         near = ((xyz - place).norm(dim=1) < radius).nonzero().flatten()[:samples]

@@ -81,14 +81,14 @@ def _near_sides(random, centre, size, yaw):
     parts = []
     for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
         normal = turn[:, axis] * sign
-        middle = centre + normal * size[axis] / 2
-        facing = -normal @ middle / np.hypot(*middle)
+        face_centre = centre + normal * size[axis] / 2
+        facing = -normal @ face_centre / np.hypot(*face_centre)
         if facing <= 0:
             continue
         width = size[1 - axis]
         count = random.poisson(8000.0 * facing * width * size[2] / distance**2)
         along = random.uniform(-width / 2, width / 2, count)
-        sides = middle + along[:, None] * turn[:, 1 - axis]
+        sides = face_centre + along[:, None] * turn[:, 1 - axis]
         parts.append(np.column_stack([sides, random.uniform(0, size[2], count)]))
     points = np.concatenate(parts) if parts else np.zeros((0, 3))
     return points + random.normal(0, 0.02, points.shape)

@@ -1,4 +1,4 @@
-"""What holds for every network: OpenPCDet's state_dict, odd clouds, precision, seeds, ranges."""
+"""Properties of every network: OpenPCDet's state_dict, odd clouds, precision, seeds, ranges."""
 
 import copy
 from functools import cache
@@ -66,10 +66,10 @@ def tiny(network):
     return copy.deepcopy(awake(network)[0])
 
 
-def assert_same_boxes(found, expected):
+def assert_same_boxes(detected, expected):
     assert len(expected["boxes"]) > 0
     for key, value in expected.items():
-        torch.testing.assert_close(found[key], value, rtol=1e-4, atol=1e-4)
+        torch.testing.assert_close(detected[key], value, rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize("network", NETWORKS)
@@ -77,8 +77,8 @@ def test_state_dict_is_openpcdets(network):
     data = reference(MODELS.get(network, network))
     model = build_detector(network, [str(name) for name in data["classes"]], preset="openpcdet")
     state = model.state_dict()
-    found = {key: (tuple(value.shape), str(value.dtype)) for key, value in state.items()}
-    assert found == keys_and_shapes(data)
+    shapes = {key: (tuple(value.shape), str(value.dtype)) for key, value in state.items()}
+    assert shapes == keys_and_shapes(data)
 
 
 ODD_CLOUDS = {
@@ -106,12 +106,12 @@ def assert_trains(model, points, targets):
 
 @pytest.mark.parametrize("network", OTHERS)
 def test_odd_clouds_train_and_predict(network):
-    """Alone with objects, and without beside an ordinary frame, which keeps its boxes."""
+    """Alone with objects, and without others an ordinary frame, which keeps its boxes."""
     model, expected = tiny(network), awake(network)[1]
     odd = [item.clone() for item in ODD_CLOUDS.values()]
-    *beside, kept = model.predict([*odd, cloud(3000)], ANY)
-    assert_same_boxes(kept, expected)
-    for frame in (*beside, *(model.predict([item], ANY)[0] for item in odd)):
+    *others, ordinary = model.predict([*odd, cloud(3000)], ANY)
+    assert_same_boxes(ordinary, expected)
+    for frame in (*others, *(model.predict([item], ANY)[0] for item in odd)):
         assert frame["boxes"].shape == (len(frame["scores"]), 7)
         assert all(torch.isfinite(value).all() for value in frame.values())
     none = torch.zeros(0, 7), torch.zeros(0, dtype=torch.int64)
@@ -129,17 +129,17 @@ def test_points_that_are_not_finite_change_nothing(network):
         bad[column::8, column] = torch.nan
         bad[column + 4 :: 8, column] = torch.inf
     frames = [torch.cat([bad, points]), cloud(3000, seed=2)]
-    found, other = tiny(network).predict(frames, ANY)
-    assert_same_boxes(found, awake(network)[1])
-    assert not torch.allclose(other["scores"][:2], found["scores"][:2], rtol=1e-3)
+    detected, other = tiny(network).predict(frames, ANY)
+    assert_same_boxes(detected, awake(network)[1])
+    assert not torch.allclose(other["scores"][:2], detected["scores"][:2], rtol=1e-3)
 
 
 @pytest.mark.parametrize("network", OTHERS)
 def test_a_million_points(network):
     near = cloud(1_000_000) * torch.tensor([0.25, 0.25, 1, 1])
-    found = tiny(network).predict([near], ANY)[0]
-    assert len(found["boxes"]) > 0
-    assert torch.isfinite(found["boxes"]).all()
+    detected = tiny(network).predict([near], ANY)[0]
+    assert len(detected["boxes"]) > 0
+    assert torch.isfinite(detected["boxes"]).all()
 
 
 def size_biases(model):
@@ -160,10 +160,10 @@ def test_boxes_that_are_not_finite_are_no_detections(network):
         model = tiny(network)
         with torch.no_grad():
             list(size_biases(model))[stage].fill_(1000.0)
-        found = model.predict([cloud(3000)], ANY)[0]
-        assert all(torch.isfinite(value).all() for value in found.values())
+        detected = model.predict([cloud(3000)], ANY)[0]
+        assert all(torch.isfinite(value).all() for value in detected.values())
         # The other anchors are left.
-        assert (len(found["boxes"]) > 0) == (stage == 0 and hasattr(model, "dense_head"))
+        assert (len(detected["boxes"]) > 0) == (stage == 0 and hasattr(model, "dense_head"))
 
 
 @pytest.mark.parametrize("network", NETWORKS)
@@ -177,9 +177,11 @@ def test_labels_must_be_the_classes(network):
 @pytest.mark.parametrize("network", OTHERS)
 def test_double_precision_predicts(network):
     single = awake(network)[1]
-    found = tiny(network).double().predict([cloud(3000)], ANY)[0]
-    assert found["boxes"].dtype == found["scores"].dtype == torch.float64
-    assert_same_boxes({name: value.to(single[name].dtype) for name, value in found.items()}, single)
+    detected = tiny(network).double().predict([cloud(3000)], ANY)[0]
+    assert detected["boxes"].dtype == detected["scores"].dtype == torch.float64
+    assert_same_boxes(
+        {name: value.to(single[name].dtype) for name, value in detected.items()}, single
+    )
 
 
 @pytest.mark.parametrize("network", OTHERS)
@@ -198,17 +200,17 @@ def test_mixed_precision_trains(network):
 
 @pytest.mark.parametrize("network", OTHERS)
 def test_the_seed_fixes_a_step_and_prediction_needs_none(network):
-    losses, found = [], []
+    losses, detected = [], []
     for _ in range(2):
         model = tiny(network)
         torch.manual_seed(1)
         losses.append(model.loss([cloud(3000)], *([item] for item in objects()))["loss"].item())
         torch.manual_seed(len(losses))
-        found.append(model.predict([cloud(3000)], ANY)[0])
+        detected.append(model.predict([cloud(3000)], ANY)[0])
     assert losses[0] == losses[1]
-    assert len(found[0]["boxes"]) > 0
-    for key, value in found[0].items():
-        assert torch.equal(value, found[1][key])
+    assert len(detected[0]["boxes"]) > 0
+    for key, value in detected[0].items():
+        assert torch.equal(value, detected[1][key])
 
 
 @pytest.mark.parametrize("network", OTHERS)
@@ -217,9 +219,9 @@ def test_only_the_classes_asked_for_have_anchors_and_heads(network):
     assert sum(p.numel() for p in one.parameters()) < sum(p.numel() for p in both.parameters())
     if hasattr(one, "dense_head"):
         assert one.dense_head.anchors.shape[2] * 3 == both.dense_head.anchors.shape[2]
-    found = one.predict([cloud(3000)], ANY)[0]
-    assert len(found["labels"]) > 0
-    assert (found["labels"] == 1).all()
+    detected = one.predict([cloud(3000)], ANY)[0]
+    assert len(detected["labels"]) > 0
+    assert (detected["labels"] == 1).all()
 
 
 def test_vector_math_is_settled_before_a_network_can_run():
@@ -245,12 +247,12 @@ lengths = st.floats(0.5, 200)
 @given(lengths, lengths, lengths, st.floats(0.05, 3.2), st.floats(0.05, 0.5))
 def test_ranges_grow_by_less_than_a_cell_to_whole_cells(x, y, z, edge, height):
     wanted = (1.0, -7.0, -1.0, 1.0 + x, -7.0 + y, -1.0 + z)
-    found = fitted_range(OWN, 0.0, wanted, (edge, edge, height))
-    assert found[:3] == wanted[:3]
+    fitted = fitted_range(OWN, 0.0, wanted, (edge, edge, height))
+    assert fitted[:3] == wanted[:3]
     for axis, cell in enumerate((edge, edge, height)):
-        cells = (found[3 + axis] - found[axis]) / cell
+        cells = (fitted[3 + axis] - fitted[axis]) / cell
         assert cells == pytest.approx(round(cells), abs=1e-6)
-        assert -1e-5 * cell < found[3 + axis] - wanted[3 + axis] < cell
+        assert -1e-5 * cell < fitted[3 + axis] - wanted[3 + axis] < cell
 
 
 def test_rounding_adds_no_cell():
@@ -262,9 +264,9 @@ def test_rounding_adds_no_cell():
 @pytest.mark.parametrize("network", NETWORKS)
 @pytest.mark.parametrize("preset", ["openpcdet", "paper"])
 def test_weights_fit_whatever_the_roi(network, preset):
-    own = build_detector(network, ["Car"], preset=preset)
+    default = build_detector(network, ["Car"], preset=preset)
     other = build_detector(network, ["Car"], preset=preset, point_range=(5, -9, -2, 33, 9, 7.3))
     assert other.point_range[:2] == (5, -9)
     assert (other.point_range[2], other.point_range[5]) == (-3, 1)
-    shapes = {key: value.shape for key, value in own.state_dict().items()}
+    shapes = {key: value.shape for key, value in default.state_dict().items()}
     assert {key: value.shape for key, value in other.state_dict().items()} == shapes

@@ -56,23 +56,23 @@ def test_points_move_with_their_boxes_and_the_frames_are_left_alone():
 def test_what_leaves_the_range_is_dropped():
     points = np.array([[1, 0, 9, 0], [-1, 0, 1, 0], [1, 21, 1, 0]], np.float32)
     boxes = np.array([[1, 0, 9, 1, 1, 1, 0], [41, 0, 1, 1, 1, 1, 0]], np.float32)
-    kept = within_range(Sample(points, boxes, np.array([1, 2])), RANGE)
-    assert kept.points.tolist() == [[1, 0, 9, 0]]  # seen from above: height does not matter
-    assert kept.labels.tolist() == [1]
-    assert kept.boxes.shape == (1, 7)
+    inside = within_range(Sample(points, boxes, np.array([1, 2])), RANGE)
+    assert inside.points.tolist() == [[1, 0, 9, 0]]  # seen from above: height does not matter
+    assert inside.labels.tolist() == [1]
+    assert inside.boxes.shape == (1, 7)
 
 
 def test_points_are_shuffled_by_the_seed_and_none_is_lost():
     frames = frames_of(2, 5)
     augment = augmentation(frames, PLAIN)
     first, again, other = (augment(frames[0], (seed, 1, 0)).points for seed in (1, 1, 2))
-    kept = within_range(frames[0], RANGE).points
+    inside = within_range(frames[0], RANGE).points
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
-    assert not np.array_equal(first, kept)
+    assert not np.array_equal(first, inside)
     for points in (first, other):
-        assert np.array_equal(np.unique(points, axis=0), np.unique(kept, axis=0))
-        assert len(points) == len(kept)
+        assert np.array_equal(np.unique(points, axis=0), np.unique(inside, axis=0))
+        assert len(points) == len(inside)
 
 
 def test_the_whole_augmentation_follows_from_the_seed():
@@ -93,13 +93,13 @@ def test_a_setting_changes_nothing_else():
     settings = TrainingSettings(sample_groups={})
     for k in range(6):
         boxes = (
-            moved(frames[k], own, np.random.default_rng(k)).boxes[:, :2]
-            for own in (settings, settings.model_copy(update={"flip_y": False}))
+            moved(frames[k], varied, np.random.default_rng(k)).boxes[:, :2]
+            for varied in (settings, settings.model_copy(update={"flip_y": False}))
         )
-        one, other = (np.linalg.norm(own, axis=1) for own in boxes)
+        one, other = (np.linalg.norm(varied, axis=1) for varied in boxes)
         np.testing.assert_allclose(one, other, rtol=1e-5)
 
 
 def test_an_empty_frame_stays_a_frame():
-    found = augmentation(frames_of(2, 5), PLAIN)(EMPTY, (0, 1, 0))
-    assert (found.points.shape, found.boxes.shape, found.labels.shape) == ((0, 4), (0, 7), (0,))
+    filled = augmentation(frames_of(2, 5), PLAIN)(EMPTY, (0, 1, 0))
+    assert (filled.points.shape, filled.boxes.shape, filled.labels.shape) == ((0, 4), (0, 7), (0,))

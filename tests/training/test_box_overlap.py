@@ -23,7 +23,7 @@ DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
 
 
 def in_torch(a, b, three_d):
-    a, b = (torch.from_numpy(np.asarray(own, np.float64)) for own in (a, b))
+    a, b = (torch.from_numpy(np.asarray(box, np.float64)) for box in (a, b))
     pairs = a.repeat_interleave(len(b), 0), b.repeat(len(a), 1)
     return box_overlap.pair_iou(*pairs, three_d).view(len(a), len(b)).numpy()
 
@@ -88,8 +88,8 @@ def hull_area(a, b):
 def test_agrees_with_the_hull_of_crossings(a, b):
     common = hull_area(a, b)
     areas = a[0, 3] * a[0, 4] + b[0, 3] * b[0, 4]
-    found = iou_bev(a, b)[0, 0]
-    assert found * areas / (1 + found) == pytest.approx(common, abs=1e-6)
+    overlap = iou_bev(a, b)[0, 0]
+    assert overlap * areas / (1 + overlap) == pytest.approx(common, abs=1e-6)
 
 
 @pytest.mark.usefixtures("last_bits")
@@ -97,7 +97,7 @@ def test_agrees_with_the_hull_of_crossings(a, b):
 @given(crowds, crowds)
 def test_clipping_at_once_agrees_with_one_by_one(a, b):
     a, b = np.concatenate([a, b[:1]]), np.concatenate([b, a[:1]])
-    tensors = [torch.from_numpy(own) for own in (a, b)]
+    tensors = [torch.from_numpy(part) for part in (a, b)]
     expected = iou_3d(a, b)
     assert box_overlap._iou_torch(*tensors).numpy() == pytest.approx(expected, abs=1e-12)
     assert in_torch(a, b, False) == pytest.approx(iou_bev(a, b), abs=1e-12)

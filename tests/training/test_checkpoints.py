@@ -49,9 +49,9 @@ def assert_refused(content, key, expected, found, folder, **how):
     before = copy.deepcopy(target.state_dict())
     with pytest.raises(InputError, match=r"^[^\n]+$") as error:
         load_checkpoint(target, path, **how)
-    told = error.value
-    assert (told.place, told.key, told.expected) == (str(path), key, expected)
-    assert told.found.endswith(found)
+    refusal = error.value
+    assert (refusal.place, refusal.key, refusal.expected) == (str(path), key, expected)
+    assert refusal.found.endswith(found)
     assert same(before, target.state_dict())
 
 

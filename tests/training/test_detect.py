@@ -29,14 +29,14 @@ class OneBoxAPoint(Detector):
     def predict(self, points, selection=None):
         self.batches.append(len(points))
         self.selections.append(selection)
-        found = []
+        frames = []
         for cloud in points:
             boxes = torch.cat([cloud[:, :3], torch.ones(len(cloud), 4)], 1)
-            found.append({"boxes": boxes, "scores": torch.arange(len(cloud)) / 10})
-            found[-1]["labels"] = 1 + cloud[:, 3].round().long()
+            frames.append({"boxes": boxes, "scores": torch.arange(len(cloud)) / 10})
+            frames[-1]["labels"] = 1 + cloud[:, 3].round().long()
             if self.two_stages:
-                found[-1]["refined"] = boxes.repeat(2, 1)
-        return found
+                frames[-1]["refined"] = boxes.repeat(2, 1)
+        return frames
 
 
 @pytest.fixture
@@ -54,26 +54,26 @@ def run(monkeypatch, clouds, two_stages, **settings):
 
 
 def test_boxes_of_every_frame_in_the_ego_frame(monkeypatch, clouds):
-    model, found = run(monkeypatch, clouds, two_stages=False, batch_size=2, score_threshold=0.3)
-    assert list(found.boxes.columns) == ["frame", "class", *GEOMETRY, "score"]
-    assert found.boxes["frame"].tolist() == [3, 3, 8]
-    assert found.boxes["class"].tolist() == ["Cyclist", "Car", "Cyclist"]
-    assert found.boxes["z"].tolist() == pytest.approx([0.5, 1.5, 2.0], abs=2e-3)
-    assert found.boxes["score"].tolist() == pytest.approx([0, 0.1, 0])
-    assert found.refined is None
+    model, detected = run(monkeypatch, clouds, two_stages=False, batch_size=2, score_threshold=0.3)
+    assert list(detected.boxes.columns) == ["frame", "class", *GEOMETRY, "score"]
+    assert detected.boxes["frame"].tolist() == [3, 3, 8]
+    assert detected.boxes["class"].tolist() == ["Cyclist", "Car", "Cyclist"]
+    assert detected.boxes["z"].tolist() == pytest.approx([0.5, 1.5, 2.0], abs=2e-3)
+    assert detected.boxes["score"].tolist() == pytest.approx([0, 0.1, 0])
+    assert detected.refined is None
     assert model.batches == [2, 1]
     assert {selection.score for selection in model.selections} == {0.3}
 
 
 def test_the_boxes_of_a_second_stage_are_all_there(monkeypatch, clouds):
-    model, found = run(monkeypatch, clouds, two_stages=True, batch_size="auto")
-    assert list(found.refined.columns) == ["frame", *GEOMETRY]
-    assert found.refined["frame"].tolist() == [3, 3, 3, 3, 8, 8]
-    assert found.refined["z"].tolist() == pytest.approx([0.5, 1.5, 0.5, 1.5, 2, 2], abs=2e-3)
+    model, detected = run(monkeypatch, clouds, two_stages=True, batch_size="auto")
+    assert list(detected.refined.columns) == ["frame", *GEOMETRY]
+    assert detected.refined["frame"].tolist() == [3, 3, 3, 3, 8, 8]
+    assert detected.refined["z"].tolist() == pytest.approx([0.5, 1.5, 0.5, 1.5, 2, 2], abs=2e-3)
     assert model.batches == [3]
 
 
 def test_no_frames(monkeypatch):
-    _, found = run(monkeypatch, packed([], []), two_stages=True)
-    assert list(found.boxes.columns) == ["frame", "class", *GEOMETRY, "score"]
-    assert len(found.boxes) == 0
+    _, detected = run(monkeypatch, packed([], []), two_stages=True)
+    assert list(detected.boxes.columns) == ["frame", "class", *GEOMETRY, "score"]
+    assert len(detected.boxes) == 0

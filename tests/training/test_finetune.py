@@ -77,9 +77,9 @@ def test_frames_without_points_or_boxes_and_a_checkpoint(tmp_path):
     nothing = pd.DataFrame(columns=BOX_COLUMNS).astype(numbers)
     settings = TrainingSettings(epochs=1, batch_size=2)
     first = finetune(TINY, ["Car"], clouds, nothing, settings, seed=0)
-    found = detect(TINY, ["Car"], first.state_dict, clouds, settings).boxes
-    assert list(found.columns) == [*BOX_COLUMNS, "score"]
-    assert len(found) == 0
+    detected = detect(TINY, ["Car"], first.state_dict, clouds, settings).boxes
+    assert list(detected.columns) == [*BOX_COLUMNS, "score"]
+    assert len(detected) == 0
     path, two = tmp_path / "weights.pt", ["Car", "Cyclist"]
     torch.save(first.state_dict, path)
     further = settings.model_copy(update={"checkpoint": path})
@@ -113,18 +113,18 @@ def test_detections_come_back_in_the_ego_frame():
     with torch.no_grad():
         model.dense_head.conv_cls.bias.fill_(5.0)  # every anchor is a detection
     settings, area = TrainingSettings(batch_size=1), (0, -10, 0, 20, 10, 4)
-    found = detect("pointpillars", ["Car"], model.state_dict(), clouds, settings, area).boxes
-    assert len(found) > 20
+    detected = detect("pointpillars", ["Car"], model.state_dict(), clouds, settings, area).boxes
+    assert len(detected) > 20
     # An untrained box head leaves the anchors almost as they are: bottom at -1.78 + 1.73.
-    assert (found.z - found.height / 2).median() == pytest.approx(-0.05, abs=0.1)
+    assert (detected.z - detected.height / 2).median() == pytest.approx(-0.05, abs=0.1)
 
 
 def test_frames_drop_other_classes_and_unseen_objects():
     clouds, truth = scenes(3, seed=3, classes=("Car", "Cyclist"), objects=8)
     frames = TrainingFrames(["Cyclist"], clouds, truth, 0.0, min_points=5)
     for index in range(3):
-        own = truth[(truth.frame == index) & (truth["class"] == "Cyclist")]
-        counts = count_points(clouds[index], own[list(GEOMETRY)])
+        cyclists = truth[(truth.frame == index) & (truth["class"] == "Cyclist")]
+        counts = count_points(clouds[index], cyclists[list(GEOMETRY)])
         assert len(frames[index].boxes) == (counts >= 5).sum()
         assert (frames[index].labels == 1).all()
     assert sum(len(frames[i].boxes) for i in range(3)) > 0
@@ -170,9 +170,9 @@ def test_a_gradient_that_is_not_finite_leaves_the_weights():
 
 
 def test_scaled_losses_give_the_same_steps_and_overflows_are_left_out():
-    """With the scaler that float16 needs on a GPU, here on float32, which it leaves as it is."""
+    """Train with the scaler of float16, here on float32, which it leaves as it is."""
     frames = car_frames(*scenes(2, seed=6))
-    found = []
+    scales = []
     for scale in (None, 1024.0, 1e38):
         torch.manual_seed(0)
         model = build_detector(TINY, ["Car"])
@@ -181,8 +181,8 @@ def test_scaled_losses_give_the_same_steps_and_overflows_are_left_out():
         if scale is not None:
             optimisation._scaler = torch.amp.GradScaler("cpu", init_scale=scale)
         optimisation.step(as_tensors([frames[0], frames[1]]))
-        found.append([a - b for a, b in zip(model.parameters(), before, strict=True)])
-    plain, scaled, overflown = found
+        scales.append([a - b for a, b in zip(model.parameters(), before, strict=True)])
+    plain, scaled, overflown = scales
     assert any(item.abs().max() > 1e-4 for item in plain)
     for one, other in zip(plain, scaled, strict=True):
         assert torch.allclose(one, other, atol=1e-5)

@@ -23,7 +23,7 @@ def upstream_anchors(point_range, shape, classes, centred):
     offset = stride / 2 if centred else 0 * stride
     starts, stops = anchor_range[:2].astype(float) + offset, anchor_range[3:5].astype(float) + 1e-5
     steps = zip(starts, stops, stride, strict=True)
-    x, y = (torch.arange(*own, dtype=torch.float32).numpy() for own in steps)
+    x, y = (torch.arange(*step, dtype=torch.float32).numpy() for step in steps)
     assert (len(x), len(y)) == shape
     anchors = np.empty((len(y), len(x), 2 * len(classes), 7), np.float32)
     anchors[..., 0], anchors[..., 1] = x[:, None], y[:, None, None]
@@ -39,11 +39,11 @@ def upstream_anchors(point_range, shape, classes, centred):
 @pytest.mark.parametrize("network", ["pointpillars", "second", "second_iou", "pv_rcnn"])
 def test_anchors_of_the_networks(network):
     model = build_detector(network, CLASSES)
-    found = model.dense_head.anchors.numpy()
-    shape = found.shape[1], found.shape[0]
+    anchors = model.dense_head.anchors.numpy()
+    shape = anchors.shape[1], anchors.shape[0]
     classes = [KITTI_ANCHORS[name] for name in CLASSES]
     expected = upstream_anchors(model.point_range, shape, classes, centred=False)
-    assert np.array_equal(found, expected)
+    assert np.array_equal(anchors, expected)
 
 
 @pytest.mark.parametrize("centred", [False, True])
@@ -51,9 +51,9 @@ def test_anchors_of_any_range(centred):
     classes = [KITTI_ANCHORS[name] for name in CLASSES]
     for low in (-39.68, -0.1, 3.3):
         point_range = (low, low - 7, -3.0, low + 28.8, low + 12.2, 1.0)
-        found = anchor_grid(classes, point_range, (90, 60), centred).numpy()
+        anchors = anchor_grid(classes, point_range, (90, 60), centred).numpy()
         expected = upstream_anchors(point_range, (90, 60), classes, centred)
-        assert np.array_equal(found, expected)
+        assert np.array_equal(anchors, expected)
 
 
 def test_offsets_from_the_centres_of_pillars():
@@ -71,9 +71,9 @@ def test_voxels_of_places_on_their_faces():
     """VoxelRCNNHead's are those of a floor division, which no rounded quotient lifts."""
     edge = np.float32(0.05)
     x = edge * np.arange(-500, 500, dtype=np.float32)
-    found = cells_of(torch.from_numpy(x)[:, None].expand(-1, 3), torch.tensor([edge] * 3))
+    cells = cells_of(torch.from_numpy(x)[:, None].expand(-1, 3), torch.tensor([edge] * 3))
     expected = [math.floor(Fraction(float(v)) / Fraction(float(edge))) for v in x]
-    assert found[:, 0].tolist() == expected
+    assert cells[:, 0].tolist() == expected
     assert cells_of(torch.tensor([[1e30, -1e30, 0.0]]), torch.ones(3)).tolist() == [
         [1_000_000, -1_000_000, 0]
     ]

@@ -49,7 +49,7 @@ def other(monkeypatch):
 
 @pytest.fixture(params=["other", pytest.param("cuda", marks=NEEDS_GPU)])
 def device(request):
-    """Where networks run; not the CPU."""
+    """Device of the networks, not the CPU."""
     if request.param == "other":
         yield request.getfixturevalue("other")
     else:
@@ -63,9 +63,9 @@ def run_on(place, monkeypatch):
         monkeypatch.setattr(f"training.{module}.device", lambda: place)
 
 
-def assert_close(found, expected, tolerance):
-    error = tolerance if found.is_floating_point() else 0
-    torch.testing.assert_close(found.detach().cpu(), expected.detach(), rtol=error, atol=error)
+def assert_close(ours, expected, tolerance):
+    error = tolerance if ours.is_floating_point() else 0
+    torch.testing.assert_close(ours.detach().cpu(), expected.detach(), rtol=error, atol=error)
 
 
 @cache
@@ -81,10 +81,13 @@ def untrained(network):
     torch.manual_seed(0)
     model = build_detector(network, ["Car"], preset="tiny")
     if hasattr(model, "roi_head"):
-        own = model.roi_head.settings
-        train, test = replace(own.train, pre=256, post=64), replace(own.test, pre=256, post=16)
-        sampling = replace(own.sampling, rois=8)
-        model.roi_head.settings = replace(own, train=train, test=test, sampling=sampling)
+        settings = model.roi_head.settings
+        train, test = (
+            replace(settings.train, pre=256, post=64),
+            replace(settings.test, pre=256, post=16),
+        )
+        sampling = replace(settings.sampling, rois=8)
+        model.roi_head.settings = replace(settings, train=train, test=test, sampling=sampling)
     return model
 
 
@@ -122,19 +125,21 @@ TOLERANCES = {
 def test_networks_are_those_of_the_cpu(network, dtype, device):
     """One step and the best boxes of a trained network."""
     tolerance = TOLERANCES[device.type, dtype]
-    here, there = (copy.deepcopy(trained(network)).to(place, dtype) for place in (CPU, device))
+    on_cpu, on_device = (
+        copy.deepcopy(trained(network)).to(place, dtype) for place in (CPU, device)
+    )
     best, more = (Selection(score=0.0, nms=0.5, pre=256, post=count) for count in (5, 10))
     points = [item.to(device) for item in some_frames()[0]]  # where they are does not matter
-    for found, expected in zip(
-        there.predict(points, more), here.predict(points, best), strict=True
+    for ours, expected in zip(
+        on_device.predict(points, more), on_cpu.predict(points, best), strict=True
     ):
-        assert found["boxes"].device.type == device.type
+        assert ours["boxes"].device.type == device.type
         assert len(expected["boxes"]) == 5
         # Scores that are alike but for rounding may change places.
-        nearest = torch.cdist(expected["boxes"], found["boxes"].cpu()).argmin(dim=1)
+        nearest = torch.cdist(expected["boxes"], ours["boxes"].cpu()).argmin(dim=1)
         for name in ("boxes", "scores", "labels"):
-            assert_close(found[name].cpu()[nearest], expected[name], tolerance)
-    (losses, norms), (expected_losses, expected_norms) = step(there, dtype), step(here, dtype)
+            assert_close(ours[name].cpu()[nearest], expected[name], tolerance)
+    (losses, norms), (expected_losses, expected_norms) = step(on_device, dtype), step(on_cpu, dtype)
     assert losses == pytest.approx(expected_losses, rel=tolerance, abs=tolerance)
     assert norms.keys() == expected_norms.keys()
     largest = max(expected_norms.values()).item()
@@ -150,15 +155,15 @@ def test_frames_without_points_or_objects(network, device):
     points = [points[0], points[0][:0], torch.full((5, 4), torch.nan), points[1]]
     boxes = [boxes[0], boxes[0][:0], boxes[1], boxes[1][:0]]
     labels = [labels[0], labels[0][:0], labels[1], labels[1][:0]]
-    losses, found, few = [], [], Selection(score=0.0, pre=100, post=3)
+    losses, detected, few = [], [], Selection(score=0.0, pre=100, post=3)
     for place in (CPU, device):
         model = copy.deepcopy(trained(network)).to(place)
         torch.manual_seed(1)
         parts = model.loss(points, boxes, labels)
         losses.append({key: value.item() for key, value in parts.items()})
-        found.append([len(frame["boxes"]) for frame in model.predict(points, few)])
+        detected.append([len(frame["boxes"]) for frame in model.predict(points, few)])
     assert losses[1] == pytest.approx(losses[0], rel=1e-2, abs=1e-3)
-    assert found[1] == found[0]
+    assert detected[1] == detected[0]
 
 
 @pytest.mark.parametrize("network", SOME)
@@ -172,8 +177,8 @@ def test_mixed_precision(network, device):
     for value in (*losses.values(), *(p.grad for p in model.parameters() if p.grad is not None)):
         assert torch.isfinite(value).all()
     with torch.autocast(device.type, dtype=torch.bfloat16):
-        found = model.predict(some_frames()[0], Selection(score=0.0, pre=100, post=50))
-    for frame in found:
+        detected = model.predict(some_frames()[0], Selection(score=0.0, pre=100, post=50))
+    for frame in detected:
         assert len(frame["boxes"]) > 0
         assert all(torch.isfinite(value).all() for value in frame.values())
 
@@ -264,9 +269,9 @@ def test_a_training_moves_between_devices(detector, device, tmp_path, monkeypatc
         )
         assert all(value.device == CPU for value in result.state_dict.values())
         curves = (item.curve.set_index(["epoch", "metric"])["value"] for item in (result, expected))
-        found, wanted = (curve.drop("seconds", level="metric") for curve in curves)
-        assert len(found) > 8
-        pd.testing.assert_series_equal(found, wanted, rtol=tolerance, atol=tolerance)
+        ours, wanted = (curve.drop("seconds", level="metric") for curve in curves)
+        assert len(ours) > 8
+        pd.testing.assert_series_equal(ours, wanted, rtol=tolerance, atol=tolerance)
 
 
 def test_detections_are_tables_wherever_they_were_made(device, monkeypatch):
@@ -277,6 +282,6 @@ def test_detections_are_tables_wherever_they_were_made(device, monkeypatch):
         tables.append(detect("pv_rcnn_tiny", ["Car"], state, clouds, settings))
     tolerance = TOLERANCES[device.type, torch.float32]
     for name in ("boxes", "refined"):
-        expected, found = (getattr(table, name) for table in tables)
+        expected, ours = (getattr(table, name) for table in tables)
         assert len(expected) > 0
-        pd.testing.assert_frame_equal(found, expected, rtol=tolerance, atol=tolerance)
+        pd.testing.assert_frame_equal(ours, expected, rtol=tolerance, atol=tolerance)

@@ -39,11 +39,13 @@ def test_the_database_holds_every_object_with_its_points(frames, database):
                 continue
             assert np.array_equal(database.boxes[position], box)
             assert database.labels[position] == label
-            own = database.points[database.offsets[position] : database.offsets[position + 1]]
+            object_points = database.points[
+                database.offsets[position] : database.offsets[position + 1]
+            ]
             grown = box + np.array([0, 0, 0, 1e-4, 1e-4, 1e-4, 0])
-            assert count_points(own, grown[None]) == len(own)
-            assert abs(len(own) - count) <= 1  # float32 at a face
-            assert rows_of(own) <= rows_of(sample.points)
+            assert count_points(object_points, grown[None]) == len(object_points)
+            assert abs(len(object_points) - count) <= 1  # float32 at a face
+            assert rows_of(object_points) <= rows_of(sample.points)
             position += 1
     assert position == len(database.boxes) == len(database.offsets) - 1
     assert {1, 2} == set(database.labels.tolist())
@@ -68,8 +70,8 @@ def test_pasted_objects_touch_nothing_and_bring_their_points(frames, database):
         assert np.array_equal(new.boxes[:count], old.boxes)
         assert np.array_equal(new.labels[:count], old.labels)
         for label, wanted in ((1, 4), (2, 6)):
-            there = (old.labels == label).sum()
-            assert (new.labels == label).sum() <= max(wanted, there)
+            present = (old.labels == label).sum()
+            assert (new.labels == label).sum() <= max(wanted, present)
         added = new.boxes[count:]
         pasted += len(added)
         between = iou_bev(added, new.boxes)
@@ -77,8 +79,10 @@ def test_pasted_objects_touch_nothing_and_bring_their_points(frames, database):
         assert (between == 0).all()
         rows = {tuple(box): k for k, box in enumerate(database.boxes.tolist())}
         objects = [rows[tuple(box)] for box in added.tolist()]
-        own = (database.points[database.offsets[k] : database.offsets[k + 1]] for k in objects)
-        points = np.concatenate([EMPTY.points, *own])
+        object_points = (
+            database.points[database.offsets[k] : database.offsets[k + 1]] for k in objects
+        )
+        points = np.concatenate([EMPTY.points, *object_points])
         assert np.array_equal(new.points[: len(points)], points)
         # Of the frame all points outside the new boxes, in their order.
         inside = np.zeros(len(old.points), bool)
@@ -90,7 +94,7 @@ def test_pasted_objects_touch_nothing_and_bring_their_points(frames, database):
 
 
 def test_an_object_is_not_pasted_onto_itself():
-    """With one object there is, in its own frame, nothing to paste; in the other there is."""
+    """A single object is pasted into other frames, not into its own."""
     box = (10.0, 0.0, 0.8, 4.0, 2.0, 1.6, 0.2)
     random = np.random.default_rng(0)
     points = np.column_stack([random.uniform(-0.5, 0.5, (30, 3)) + box[:3], np.ones(30)])
@@ -117,16 +121,16 @@ def test_rigs_that_see_other_objects_paste_the_same_where_they_can():
     clouds, truth = scenes(20, seed=2, objects=8)
     thinned = packed(clouds.frames, (clouds[k][::12] for k in range(len(clouds))))
     frames = (TrainingFrames(["Car"], rig, truth, 0.0, 5) for rig in (clouds, thinned))
-    dense, sparse = (ObjectDatabase.of(own, ["Car"], {"Car": 10}, 5) for own in frames)
+    dense, sparse = (ObjectDatabase.of(frame, ["Car"], {"Car": 10}, 5) for frame in frames)
     assert 20 < len(sparse.boxes) < 0.8 * len(dense.boxes)
-    known = rows_of(sparse.boxes)
+    sparse_rows = rows_of(sparse.boxes)
     for seed in range(20):
         many, few = (
             rows_of(database.paste(EMPTY, np.random.default_rng(seed)).boxes)
             for database in (dense, sparse)
         )
         # Objects that both have are pasted by both, but for those that touch one of another's.
-        shared = many & known
+        shared = many & sparse_rows
         assert len(shared & few) >= len(shared) - 3
 
 

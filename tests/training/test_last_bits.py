@@ -1,4 +1,4 @@
-"""What decides does not depend on the last bits of sines, exponentials and roots.
+"""Decisions do not depend on the last bits of sines, exponentials and roots.
 
 The comparisons of other files that use the fixture `last_bits` run under such changes too.
 """
@@ -14,12 +14,12 @@ from training import build_detector
 from training.detectors.backbones.point_sampling import NEAR, sample_points
 from training.detectors.detector import Selection
 from training.detectors.heads.anchor_head import HeadOutput
+from training.detectors.heads.pointrcnn_head import pool_points
 from training.detectors.heads.proposals import Proposals, Suppression
 from training.detectors.heads.roi_box_coder import roi_grid
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
 from training.ops.interpolation import _nearest_torch
 from training.ops.points_in_boxes import MARGIN, _first_box_numba, _first_box_torch
-from training.ops.roipoint_pool import roipoint_pool
 
 ALL = Selection(score=0.1, nms=1.0, pre=10_000, post=10_000)
 """Whatever is likely enough, however much it overlaps."""
@@ -94,7 +94,7 @@ def box_of_points_torch():
 
 def pooled_points():
     points, boxes = boxes_and_points_on_their_sides()
-    return roipoint_pool(points, points, boxes, 64, 0.0)[0].flatten(0, 1)
+    return pool_points(points, points, boxes, 64, 0.0)[0].flatten(0, 1)
 
 
 def places_in_rois():
@@ -125,24 +125,24 @@ def test_both_paths_decide_alike_on_the_border():
 
 def test_scores_fall_with_their_logits():
     with LastBits(0):
-        logits, found = border_logits(), second_stage()
-    assert (found["scores"].diff() <= 0).all()
-    assert (logits[found["boxes"][:, 0].long()].diff() <= 0).all()
+        logits, boxes = border_logits(), second_stage()
+    assert (boxes["scores"].diff() <= 0).all()
+    assert (logits[boxes["boxes"][:, 0].long()].diff() <= 0).all()
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_another_machines_numbers(dtype):
     """One unit in the last place at most, the same for the same seed, in place too."""
     values = torch.linspace(0.1, 3, 1000, dtype=dtype)
-    found = []
+    results = []
     for _ in range(2):
         with LastBits(0):
-            found += [values.clone().sqrt_(), values.sqrt() + 0 * values.exp()]
-    unit = torch.finfo(dtype).eps * 2 ** found[0].log2().floor()
-    off = (found[0] - values.sqrt()) / unit
+            results += [values.clone().sqrt_(), values.sqrt() + 0 * values.exp()]
+    unit = torch.finfo(dtype).eps * 2 ** results[0].log2().floor()
+    off = (results[0] - values.sqrt()) / unit
     assert set(off.round().tolist()) >= {-1, 0, 1}
     assert off.abs().max() < 2.5  # the machine's own root may be a unit off
-    assert torch.equal(found[0], found[2])
+    assert torch.equal(results[0], results[2])
     with LastBits(0):
         assert torch.equal(values.square() + values**2, 2 * values * values)
         assert torch.tensor([0.0, 1.0, 4.0]).pow(0.5)[:2].tolist() == [0, 1]

@@ -58,10 +58,10 @@ def test_by_hand():
 def by_definition(boxes, threshold):
     """The keep-list from all pairs, in float64."""
     overlap = iou_bev(boxes, boxes)
-    kept = []
+    survivors = []
     for i in range(len(boxes)):
-        kept += [i] * (not (overlap[kept, i] > threshold).any())
-    return kept
+        survivors += [i] * (not (overlap[survivors, i] > threshold).any())
+    return survivors
 
 
 def assert_kept(boxes, threshold):

@@ -36,8 +36,8 @@ def test_overfits_four_frames(network):
     settings = PLAIN.model_copy(update={"epochs": epochs, "lr": rate, "batch_size": 1})
     name = f"{network}_tiny"
     result = finetune(name, ["Car"], clouds, truth, settings, seed=0)
-    found = detect(name, ["Car"], result.state_dict, clouds, settings).boxes
-    table = evaluate_boxes(truth, found, clouds.frames, ["Car"])
+    detected = detect(name, ["Car"], result.state_dict, clouds, settings).boxes
+    table = evaluate_boxes(truth, detected, clouds.frames, ["Car"])
     value = table.set_index(["metric", "iou", "class"])["value"]
     loss = result.curve[result.curve.metric == "loss"]["value"]
     assert value["AP_R40_BEV", 0.5, "Car"] > 85

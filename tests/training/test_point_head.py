@@ -48,19 +48,19 @@ def test_encoding_and_decoding_are_inverse():
     torch.testing.assert_close(decode_points(residuals, xyz, sizes), boxes)
     # By hand: a diagonal of 5 m, a height of 2 m, twice as long.
     box = torch.tensor([[6.0, -5.0, 2.0, 8.0, 3.0, 2.0, math.pi / 2]])
-    found = encode_points(box, torch.tensor([[1.0, 0.0, 0.0]]), torch.tensor([[4.0, 3.0, 2.0]]))
+    residuals = encode_points(box, torch.tensor([[1.0, 0.0, 0.0]]), torch.tensor([[4.0, 3.0, 2.0]]))
     expected = torch.tensor([[1.0, -1.0, 1.0, math.log(2), 0.0, 0.0, 0.0, 1.0]])
-    torch.testing.assert_close(found, expected, atol=1e-6, rtol=0)
+    torch.testing.assert_close(residuals, expected, atol=1e-6, rtol=0)
 
 
 def test_segmentation_loss_by_hand():
     labels = torch.tensor([1, 2, 0, -1, 1])
     logits = torch.zeros(5, 2)
-    own, other = 0.25 * 0.25 * math.log(2), 0.75 * 0.25 * math.log(2)
-    expected = (3 * (own + other) + 2 * other) / 3
+    positive, other = 0.25 * 0.25 * math.log(2), 0.75 * 0.25 * math.log(2)
+    expected = (3 * (positive + other) + 2 * other) / 3
     assert segmentation_loss(logits, labels).item() == pytest.approx(expected)
     agnostic = segmentation_loss(logits[:, :1], labels)
-    assert agnostic.item() == pytest.approx((3 * own + other) / 3)
+    assert agnostic.item() == pytest.approx((3 * positive + other) / 3)
     # Nothing is divided by zero where no point lies on an object.
     background = segmentation_loss(logits, torch.zeros_like(labels))
     assert background.item() == pytest.approx(10 * other)

@@ -88,13 +88,13 @@ def distances(a, b):
     return dx * dx + dy * dy + dz * dz
 
 
-def assert_first_hits(found, mask, samples):
+def assert_first_hits(result, mask, samples):
     """Rows, and whether there is none, of the first true entries of each row of the mask."""
-    idx, empty = found
+    idx, empty = result
     assert idx.shape == (len(mask), samples)
-    for own, near, none in zip(idx.tolist(), mask, empty.tolist(), strict=True):
+    for rows, near, none in zip(idx.tolist(), mask, empty.tolist(), strict=True):
         hits = near.nonzero().flatten().tolist()[:samples]
-        assert own == (hits + hits[:1] * (samples - len(hits)) if hits else [0] * samples)
+        assert rows == (hits + hits[:1] * (samples - len(hits)) if hits else [0] * samples)
         assert none == (not hits)
 
 
@@ -119,8 +119,8 @@ def upstream_sampling(xyz, samples):
         nearest = torch.minimum(nearest, distances(xyz[chosen[-1:]], xyz)[0])
         best = []
         for thread in range(threads):
-            own = nearest[thread::threads]
-            best.append((own.max().item(), thread + threads * own.argmax().item()))
+            of_thread = nearest[thread::threads]
+            best.append((of_thread.max().item(), thread + threads * of_thread.argmax().item()))
         while len(best) > 1:
             half = len(best) // 2
             best = [
@@ -134,8 +134,8 @@ def upstream_sampling(xyz, samples):
 @settings(max_examples=60)
 @given(clouds(1, 150), st.integers(1, 20))
 def test_sampling_breaks_ties_as_upstream(xyz, samples):
-    own = min(samples, len(xyz))
-    expected = np.resize(upstream_sampling(xyz, own), samples).tolist()
+    distinct = min(samples, len(xyz))
+    expected = np.resize(upstream_sampling(xyz, distinct), samples).tolist()
     for search in SAMPLING:
         assert search(xyz, [len(xyz)], samples).tolist() == expected
 
@@ -224,7 +224,9 @@ def test_ball_query_of_many_frames_is_the_same_on_both_paths(
 ):
     new_counts = data.draw(st.lists(st.integers(0, 9), min_size=len(counts), max_size=len(counts)))
     xyz, new = lattice_points(sum(counts), seed), lattice_points(sum(new_counts), seed + 1)
-    counts, new_counts = (torch.tensor(own, dtype=torch.int64) for own in (counts, new_counts))
+    counts, new_counts = (
+        torch.tensor(values, dtype=torch.int64) for values in (counts, new_counts)
+    )
     expected = _query_numba(radius, samples, xyz, counts, new, new_counts)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(grouping, "CHUNK", chunk)
@@ -260,47 +262,47 @@ def test_ball_query_of_far_points():
 @pytest.mark.usefixtures("last_bits")
 def test_three_nn_agrees_with_openpcdet():
     new = (of("fps_batch") + torch.tensor([[0], [1500]])).flatten()
-    found, idx = three_nn(POINTS, BATCH, POINTS[new], torch.tensor([128, 128]))
+    distance, idx = three_nn(POINTS, BATCH, POINTS[new], torch.tensor([128, 128]))
     expected = of("nn_batch_idx") + torch.tensor([0, 128])[:, None, None]
     assert torch.equal(idx, expected.flatten(0, 1))
-    assert found.numpy() == pytest.approx(DATA["nn_batch_distances"].reshape(-1, 3), abs=2e-6)
+    assert distance.numpy() == pytest.approx(DATA["nn_batch_distances"].reshape(-1, 3), abs=2e-6)
     features = torch.from_numpy(DATA["nn_features"]).transpose(1, 2).flatten(0, 1)
-    weights = inverse_distance_weights(found)
+    weights = inverse_distance_weights(distance)
     result = interpolate(features, idx, weights)
     expected = DATA["nn_interpolated"].transpose(0, 2, 1).reshape(-1, 2)
     assert result.numpy() == pytest.approx(expected, abs=1e-6)
     new, counts = torch.from_numpy(DATA["new_points"]), of("new_counts")
-    found, idx = three_nn(new, counts, POINTS, STACK)
+    distance, idx = three_nn(new, counts, POINTS, STACK)
     assert torch.equal(idx, of("nn_stack_idx"))
-    assert found.numpy() == pytest.approx(DATA["nn_stack_distances"], rel=1e-6)
+    assert distance.numpy() == pytest.approx(DATA["nn_stack_distances"], rel=1e-6)
 
 
 @pytest.mark.usefixtures("last_bits")
 @settings(max_examples=60)
 @given(clouds(0, 20), clouds(1, 40), st.sampled_from([100, 1 << 24]))
-def test_nearest_by_brute_force(unknown, known, chunk):
-    near = min(3, len(known))
-    squared = distances(unknown, known)
+def test_nearest_by_brute_force(new, places, chunk):
+    near = min(3, len(places))
+    squared = distances(new, places)
     expected, rows = squared.sort(dim=1, stable=True)
     for search in NEAREST:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(grouping, "CHUNK", chunk)
-            found, idx = search(unknown, known, near)
+            distance, idx = search(new, places, near)
         # A library's root may be one unit in the last place off.
-        torch.testing.assert_close(found, expected[:, :near].sqrt(), rtol=3e-7, atol=0)
+        torch.testing.assert_close(distance, expected[:, :near].sqrt(), rtol=3e-7, atol=0)
         assert torch.equal(squared.gather(1, idx), expected[:, :near])
     # On a CPU the lowest rows of equally near ones.
-    assert torch.equal(_nearest_numba(unknown, known, near)[1], rows[:, :near])
+    assert torch.equal(_nearest_numba(new, places, near)[1], rows[:, :near])
 
 
 def test_three_nn_with_fewer_than_three_points():
-    unknown = torch.tensor([[0.0, 0, 0], [2, 0, 0], [5, 0, 0], [6, 0, 0]])
-    known = torch.tensor([[1.0, 0, 0], [4, 0, 0], [8, 0, 0]])
-    found, idx = three_nn(unknown, torch.tensor([1, 1, 2, 0]), known, torch.tensor([1, 0, 2, 0]))
+    new = torch.tensor([[0.0, 0, 0], [2, 0, 0], [5, 0, 0], [6, 0, 0]])
+    places = torch.tensor([[1.0, 0, 0], [4, 0, 0], [8, 0, 0]])
+    distance, idx = three_nn(new, torch.tensor([1, 1, 2, 0]), places, torch.tensor([1, 0, 2, 0]))
     inf = torch.inf
-    assert found.tolist() == [[1, inf, inf], [inf] * 3, [1, 3, inf], [2, 2, inf]]
+    assert distance.tolist() == [[1, inf, inf], [inf] * 3, [1, 3, inf], [2, 2, inf]]
     assert idx.tolist() == [[0, 0, 0], [0, 0, 0], [1, 2, 0], [1, 2, 0]]
-    weights = inverse_distance_weights(found)
+    weights = inverse_distance_weights(distance)
     assert weights[0].tolist() == [1, 0, 0]
     assert weights[1].tolist() == [0, 0, 0]
     assert weights[2].tolist() == pytest.approx([0.75, 0.25, 0])
@@ -353,8 +355,8 @@ def test_voxel_query_by_brute_force(occupied, new, reach, radius, samples):
     allowed &= distances(new_xyz, xyz) <= radius**2
     for search in VOXELS:
         voxels = OccupiedVoxels(xyz, coordinates, (4, 5, 6))
-        found = search(reach, radius, samples, voxels, new_xyz, new)
-        assert_first_hits(found, allowed, samples)
+        result = search(reach, radius, samples, voxels, new_xyz, new)
+        assert_first_hits(result, allowed, samples)
 
 
 # Features

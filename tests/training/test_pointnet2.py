@@ -32,8 +32,8 @@ def test_set_abstraction_is_convolution_of_every_ball(training):
     balls = BallSettings((0.4, 0.8), (3, 6), ((5, 6), (7,)))
     module = SetAbstraction(2, balls).double().train(training)
     places = torch.cat([xyz[:4], xyz[40:45], torch.full((1, 3), 50.0, dtype=torch.float64)])
-    found = module(xyz, counts, features, places, torch.tensor([4, 0, 6]))
-    found.square().sum().backward()
+    propagated = module(xyz, counts, features, places, torch.tensor([4, 0, 6]))
+    propagated.square().sum().backward()
     gradient, features.grad = features.grad, None
     parts = []
     for radius, samples, mlp in zip(module.radii, module.samples, module.mlps, strict=True):
@@ -49,7 +49,7 @@ def test_set_abstraction_is_convolution_of_every_ball(training):
         image = as_images(mlp, torch.stack(balls).permute(2, 0, 1)[None])
         parts.append(functional.max_pool2d(image, (1, samples))[0, :, :, 0].T)
     expected = torch.cat(parts, dim=1)
-    torch.testing.assert_close(found, expected)
+    torch.testing.assert_close(propagated, expected)
     expected.square().sum().backward()
     assert gradient.abs().sum() > 0
     torch.testing.assert_close(gradient, features.grad)
@@ -58,11 +58,11 @@ def test_set_abstraction_is_convolution_of_every_ball(training):
 @pytest.mark.parametrize("training", [True, False])
 def test_propagation_is_convolution_of_the_interpolated(training):
     torch.manual_seed(0)
-    xyz, counts, own = frames([20, 0, 10], features=3)
-    places, place_counts, known = frames([6, 0, 5], seed=1, features=4)
+    xyz, counts, skipped = frames([20, 0, 10], features=3)
+    places, place_counts, place_features = frames([6, 0, 5], seed=1, features=4)
     places[:2] = xyz[:2]  # a place on a point: its weight is 1
     module = FeaturePropagation(4, 3, (8, 9)).double().train(training)
-    found = module(xyz, counts, own, places, place_counts, known)
+    propagated = module(xyz, counts, skipped, places, place_counts, place_features)
     weights = torch.zeros(30, 11, dtype=torch.float64)
     for i in range(30):
         rows = range(6) if i < 20 else range(6, 11)
@@ -70,10 +70,10 @@ def test_propagation_is_convolution_of_the_interpolated(training):
         near = distance.argsort()[:3]
         weight = 1 / (distance[near] + 1e-8)
         weights[i, near + rows[0]] = weight / weight.sum()
-    image = torch.cat([weights @ known, own], dim=1).T[None, :, :, None]
+    image = torch.cat([weights @ place_features, skipped], dim=1).T[None, :, :, None]
     expected = as_images(module.mlp, image)[0, :, :, 0].T
     # Distances come in float32.
-    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(propagated, expected, rtol=1e-4, atol=1e-5)
 
 
 def test_points_in_the_range():
@@ -83,8 +83,8 @@ def test_points_in_the_range():
          [1.0, 0.0, float("nan"), 0.5], [1.0, 0.0, 2.5, float("inf")],
          [float("-inf"), 0.0, 2.5, 0.5]]
     )  # fmt: skip
-    kept = within(torch.cat([border, outside]), (0.0, -1.0, 2.0, 4.0, 1.0, 3.0))
-    assert kept.tolist() == border.tolist()
+    inside = within(torch.cat([border, outside]), (0.0, -1.0, 2.0, 4.0, 1.0, 3.0))
+    assert inside.tolist() == border.tolist()
 
 
 def test_sampling_keeps_the_far_points_and_repeats_evenly():

@@ -101,16 +101,16 @@ def test_the_image_in_one_pass_is_that_of_the_modules(limits, dtype, training):
     batch = group(frames, grid, training=training, device=torch.device("cpu"))
     batch = replace(batch, points=batch.points.to(dtype))
     expected = scatter(encoder(batch), batch.cells, len(frames), grid)
-    found = pillar_image(frames, ours)
+    image = pillar_image(frames, ours)
     assert expected[0].count_nonzero() > 0
-    assert found.is_contiguous(memory_format=torch.channels_last)
+    assert image.is_contiguous(memory_format=torch.channels_last)
     close = {"rtol": 1e-4, "atol": 1e-5} if dtype == torch.float32 else {"rtol": 1e-6, "atol": 1e-6}
-    torch.testing.assert_close(found, expected, **close)
+    torch.testing.assert_close(image, expected, **close)
     with torch.no_grad():
-        assert torch.equal(pillar_image(frames, unlearnt), found)
+        assert torch.equal(pillar_image(frames, unlearnt), image)
     gradient = torch.randn_like(expected)
     expected.backward(gradient)
-    found.backward(gradient)
+    image.backward(gradient)
     for one, other in zip(encoder.parameters(), ours.parameters(), strict=True):
         torch.testing.assert_close(other.grad, one.grad, **close | {"atol": 1e-3})
     for one, other in zip(encoder.buffers(), ours.buffers(), strict=True):
@@ -128,9 +128,9 @@ def test_few_anchors_decoded_are_those_of_all():
     for lowest in (-math.inf, 0.0, 2.5):
         likely = zip(head.decode_likely(output, lowest), all_logits, all_boxes, strict=True)
         for (logits, boxes), frame_logits, frame_boxes in likely:
-            above = (frame_logits >= lowest).any(dim=1)
-            assert torch.equal(logits, frame_logits[above])
-            torch.testing.assert_close(boxes, frame_boxes[above])
+            likely = (frame_logits >= lowest).any(dim=1)
+            assert torch.equal(logits, frame_logits[likely])
+            torch.testing.assert_close(boxes, frame_boxes[likely])
 
 
 def test_padded_batch_norm_is_batch_norm_with_the_zeros():
@@ -171,15 +171,15 @@ def test_targets_are_those_of_all_pairs(seed):
     yaw = random.uniform(-4, 4, (14, 1))
     boxes = torch.tensor(np.hstack([where, size * random.uniform(0.5, 1.5, (14, 3)), yaw])).float()
     labels = torch.tensor([1] * 8 + [2] * 6)
-    found = assign_targets(anchors, classes, boxes, labels)
+    targets = assign_targets(anchors, classes, boxes, labels)
     background = assign_targets(anchors, classes, boxes[:0], labels[:0])
     assert len(background.positive) == background.labels.count_nonzero() == 0
     expected = torch.full(anchors.shape[:3], -1)
     chosen = torch.zeros(anchors.shape[:3], dtype=torch.int64)
     for label, item in enumerate(classes, 1):
-        own = torch.nonzero(labels == label).flatten()
+        of_class = torch.nonzero(labels == label).flatten()
         part = slice(2 * label - 2, 2 * label)
-        ax0, ay0, ax1, ay1 = (edge[:, None] for edge in edges_of(boxes[own]))
+        ax0, ay0, ax1, ay1 = (edge[:, None] for edge in edges_of(boxes[of_class]))
         bx0, by0, bx1, by1 = edges_of(anchors[:, :, part].reshape(-1, 7))
         dx = (torch.minimum(ax1, bx1) - torch.maximum(ax0, bx0)).clamp_min(0)
         dy = (torch.minimum(ay1, by1) - torch.maximum(ay0, by0)).clamp_min(0)
@@ -191,11 +191,11 @@ def test_targets_are_those_of_all_pairs(seed):
         view = expected[:, :, part]
         view[(best < item.unmatched).view(view.shape)] = 0
         view[(forced | (best >= item.matched)).view(view.shape)] = label
-        chosen[:, :, part] = own[target].view(view.shape)
-    assert torch.equal(found.labels, expected.flatten())
-    assert torch.equal(found.positive, torch.nonzero(expected.flatten() > 0).flatten())
-    assert len(found.positive) > 14
-    assert torch.equal(found.boxes, boxes[chosen.flatten()[found.positive]])
+        chosen[:, :, part] = of_class[target].view(view.shape)
+    assert torch.equal(targets.labels, expected.flatten())
+    assert torch.equal(targets.positive, torch.nonzero(expected.flatten() > 0).flatten())
+    assert len(targets.positive) > 14
+    assert torch.equal(targets.boxes, boxes[chosen.flatten()[targets.positive]])
 
 
 @pytest.mark.usefixtures("last_bits")
@@ -204,7 +204,7 @@ def test_selection():
     boxes[:, 3:6] = 2.0
     boxes[:, 0] = torch.tensor([0.0, 0.5, 10.0, 20.0])
     scores = torch.tensor([[0.3, 0.2], [0.1, 0.6], [0.5, 0.4], [0.05, 0.04]])
-    found = select_boxes(scores.logit(), boxes, Selection(score=0.1, nms=0.01))
-    assert found["labels"].tolist() == [2, 1]
-    assert found["scores"].tolist() == pytest.approx([0.6, 0.5])
-    assert found["boxes"][:, 0].tolist() == [0.5, 10.0]
+    selected = select_boxes(scores.logit(), boxes, Selection(score=0.1, nms=0.01))
+    assert selected["labels"].tolist() == [2, 1]
+    assert selected["scores"].tolist() == pytest.approx([0.6, 0.5])
+    assert selected["boxes"][:, 0].tolist() == [0.5, 10.0]

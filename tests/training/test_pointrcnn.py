@@ -37,8 +37,8 @@ def test_stages_are_openpcdets(network):
     model.eval()
     scored, output = model.first_stage(points(data))
     proposals = model.propose(scored, output)
-    given = model.roi_head(expected["rois"], scored)
-    given_boxes = model.roi_head.refine(given, expected["rois"])
+    of_given_rois = model.roi_head(expected["rois"], scored)
+    given_boxes = model.roi_head.refine(of_given_rois, expected["rois"])
     frame = torch.zeros(len(scored.xyz), 1)
     for name, value, tolerance in (
         ("eval/backbone_3d/point_coords", torch.cat([frame, scored.xyz], dim=1), 0),
@@ -51,7 +51,7 @@ def test_stages_are_openpcdets(network):
         ("eval/roi_head/roi_scores", proposals.scores, 1e-4),
         ("eval/roi_head/roi_labels", proposals.labels, 0),
         # Of the same RoIs the second stage takes the same points on every machine.
-        ("eval/roi_head/batch_cls_preds", given.logits[None], 1e-3),
+        ("eval/roi_head/batch_cls_preds", of_given_rois.logits[None], 1e-3),
         ("eval/roi_head/batch_box_preds", given_boxes, 1e-3),
     ):
         assert worst_error(data, name, value) <= tolerance, name
@@ -66,24 +66,24 @@ def test_detections_are_openpcdets(network):
     stage = of_second_stage(data)
     final = torch.from_numpy(data["final_0/pred_boxes"])
     # RoIs without points score the same, and upstream's order of equal scores is that of its sort:
-    # those that it kept come first here.
-    kept = (stage["batch_box_preds"][0][:, None] == final).all(dim=2).any(dim=1)
-    assert kept.sum() == len(final)
-    logits = stage["batch_cls_preds"][0] + 1e-5 * kept[:, None]
+    # those that it survived come first here.
+    survived = (stage["batch_box_preds"][0][:, None] == final).all(dim=2).any(dim=1)
+    assert survived.sum() == len(final)
+    logits = stage["batch_cls_preds"][0] + 1e-5 * survived[:, None]
     model = build_detector(network, CLASSES)
     head, boxes = model.roi_head, stage["batch_box_preds"]
     proposals = Proposals(boxes, stage["roi_scores"], stage["roi_labels"])
     output = RoiOutput(logits, torch.zeros(len(logits), 7))
-    found = head.detections(output, proposals, model.selection)[0]
-    assert len(found["boxes"]) == len(final)
-    nearest = torch.cdist(final.double(), found["boxes"].double()).argmin(dim=1)
+    detected = head.detections(output, proposals, model.selection)[0]
+    assert len(detected["boxes"]) == len(final)
+    nearest = torch.cdist(final.double(), detected["boxes"].double()).argmin(dim=1)
     assert nearest.unique().numel() == len(final)
-    torch.testing.assert_close(found["boxes"][nearest], final, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(detected["boxes"][nearest], final, rtol=1e-4, atol=1e-4)
     scores = torch.from_numpy(data["final_0/pred_scores"])
-    torch.testing.assert_close(found["scores"], scores, rtol=0, atol=1e-5)
+    torch.testing.assert_close(detected["scores"], scores, rtol=0, atol=1e-5)
     labels = torch.from_numpy(data["final_0/pred_labels"])
-    assert torch.equal(found["labels"][nearest], labels)
-    assert len(found["refined"]) == boxes.shape[1]
+    assert torch.equal(detected["labels"][nearest], labels)
+    assert len(detected["refined"]) == boxes.shape[1]
 
 
 def test_pooled_points_are_in_the_frame_of_their_proposal():

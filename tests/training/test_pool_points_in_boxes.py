@@ -12,9 +12,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from training.detectors.heads.pointrcnn_head import pool_points as pool
 from training.ops import grouping
 from training.ops.points_in_boxes import _first_box_numba, _first_box_torch, box_of_points
-from training.ops.roipoint_pool import roipoint_pool as pool
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
 POINTS = torch.from_numpy(DATA["points"])
@@ -29,7 +29,7 @@ def _chunks(request, monkeypatch):
 
 
 def inside(points, boxes):
-    """By complex numbers, in float64: (M, N) bool, and whether the answer is clear, likewise."""
+    """Test by complex numbers in float64: (M, N) bool, and likewise if the answer is clear."""
     points, boxes = np.float64(points), np.float64(boxes)
     turned = (points[:, 0] + 1j * points[:, 1] - (boxes[:, :1] + 1j * boxes[:, 1:2])) * np.exp(
         -1j * boxes[:, 6:]
@@ -42,9 +42,9 @@ def inside(points, boxes):
 @pytest.mark.usefixtures("last_bits", "_chunks")
 @pytest.mark.parametrize("search", FIRST_BOX)
 def test_box_of_points_agrees_with_openpcdet(search):
-    found = search(POINTS, torch.from_numpy(DATA["pib_boxes"]))
-    assert torch.equal(found, torch.from_numpy(DATA["pib_box"].astype(np.int64)))
-    assert len(found.unique()) > 5
+    first = search(POINTS, torch.from_numpy(DATA["pib_boxes"]))
+    assert torch.equal(first, torch.from_numpy(DATA["pib_box"].astype(np.int64)))
+    assert len(first.unique()) > 5
 
 
 @pytest.mark.usefixtures("last_bits", "_chunks")
@@ -73,14 +73,14 @@ def test_against_complex_numbers(seed, count, boxes, samples):
     points, within = points[clear.all(axis=0)], within[:, clear.all(axis=0)]
     expected = np.where(within.any(axis=0), within.argmax(axis=0), -1) if boxes else None
     for search in FIRST_BOX:
-        found = search(torch.from_numpy(points), torch.from_numpy(rois))
-        assert found.tolist() == ([-1] * len(points) if expected is None else expected.tolist())
+        first = search(torch.from_numpy(points), torch.from_numpy(rois))
+        assert first.tolist() == ([-1] * len(points) if expected is None else expected.tolist())
     rows = torch.arange(len(points), dtype=torch.float32)[:, None]
     pooled, empty = pool(torch.from_numpy(points), rows, torch.from_numpy(rois), samples, 0.0)
     assert empty.tolist() == (~within.any(axis=1)).tolist()
-    for own, hits in zip(pooled[:, :, 3].tolist(), within, strict=True):
+    for pooled_rows, hits in zip(pooled[:, :, 3].tolist(), within, strict=True):
         rows = np.flatnonzero(hits)[:samples]
-        assert own == (np.resize(rows, samples).tolist() if len(rows) else [0] * samples)
+        assert pooled_rows == (np.resize(rows, samples).tolist() if len(rows) else [0] * samples)
 
 
 @pytest.mark.usefixtures("last_bits")

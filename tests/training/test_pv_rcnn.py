@@ -59,14 +59,14 @@ def in_openpcdets_order(coordinates, padding, shape):
     Its CPU implementation goes through the kernel, and for each position through the input. Which
     voxels of a ball are the first ones, and thus its samples, depends on that order.
     """
-    found = {}
+    sites = {}
     for position in itertools.product(range(3), repeat=3):
         shifted = coordinates[:, 1:] + torch.tensor(padding) - torch.tensor(position)
         out = shifted // 2
         fits = ((shifted % 2 == 0) & (out >= 0) & (out < torch.tensor(shape))).all(dim=1)
         for site in torch.cat([coordinates[fits, :1], out[fits]], dim=1).tolist():
-            found.setdefault(tuple(site))
-    return torch.tensor(list(found))
+            sites.setdefault(tuple(site))
+    return torch.tensor(list(sites))
 
 
 def in_order(voxels, coordinates):
@@ -90,13 +90,13 @@ def test_keypoints_are_openpcdets(openpcdet):
     places = torch.cat([frame, keypoints.xyz], dim=1)
     assert worst_error(DATA, "eval/pfe/point_coords", places) == 0
     logits = model.point_head(keypoints.sources)
-    found = {
+    outputs = {
         "eval/pfe/point_features_before_fusion": keypoints.sources,
         "eval/pfe/point_features": keypoints.features,
         "raw/point_head/point_cls_preds": logits,
         "eval/point_head/point_cls_scores": logits.sigmoid()[:, 0],
     }
-    assert all(worst_error(DATA, *item) < 2e-5 for item in found.items())
+    assert all(worst_error(DATA, *item) < 2e-5 for item in outputs.items())
 
 
 def head_and_keypoints():
@@ -128,8 +128,8 @@ def test_second_stage_is_that_of_loops():
         refined = head.refine(output, boxes)
         pooled = torch.zeros(10, 10, 3, 3, 3).double()  # channels of both balls, x, y, z
         for r, box in enumerate(boxes.flatten(0, 1)):
-            own = slice(0, 30) if r < 5 else slice(30, 70)
-            xyz, rows = keypoints.xyz[own], (keypoints.features * foreground)[own]
+            frame_rows = slice(0, 30) if r < 5 else slice(30, 70)
+            xyz, rows = keypoints.xyz[frame_rows], (keypoints.features * foreground)[frame_rows]
             for cell in torch.cartesian_prod(*[torch.arange(3)] * 3).tolist():
                 x, y, z = ((torch.tensor(cell) + 0.5) / 3 - 0.5) * box[3:6]
                 cos, sin = torch.cos(box[6]), torch.sin(box[6])
@@ -138,7 +138,8 @@ def test_second_stage_is_that_of_loops():
                 pooled[(r, slice(None), *cell)] = of_ball
         shared = as_images(head.shared_fc_layer, pooled.view(10, -1, 1, 1))
         logits, residuals = (
-            as_images(own, shared)[..., 0, 0] for own in (head.cls_layers, head.reg_layers)
+            as_images(frame_rows, shared)[..., 0, 0]
+            for frame_rows in (head.cls_layers, head.reg_layers)
         )
         torch.testing.assert_close(output.logits, logits)
         torch.testing.assert_close(output.residuals, residuals)
@@ -161,9 +162,9 @@ def test_losses_and_what_selection_leaves():
         assert any(p.grad.abs().sum() > 0 for p in part.parameters())
     clouds, most = batch()[0], model.roi_head.settings.test.post
     for selection, count in ((Selection(score=0.0, nms=0.1, post=5), 5), (Selection(score=1.0), 0)):
-        found = model.predict(clouds, selection)[0]
-        assert found["boxes"].shape == (count, 7)
-        assert found["refined"].shape == (most, 7), "all of them"
+        detected = model.predict(clouds, selection)[0]
+        assert detected["boxes"].shape == (count, 7)
+        assert detected["refined"].shape == (most, 7), "all of them"
 
 
 def test_the_papers_preset_has_its_range_and_anchors():

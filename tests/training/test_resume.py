@@ -23,17 +23,17 @@ def data():
     return scenes(4, seed=1, classes=("Car", "Pedestrian"), fewest=3)
 
 
-def train(data, folder=None, settings=SETTINGS, seed=3, stop=None):
+def train(data, folder=None, settings=SETTINGS, seed=3, stop=None, halvings=0):
     epochs = []
 
-    def on_step(done):
-        if stop and done > stop:
+    def on_step(epochs_done):
+        if stop and epochs_done > stop:
             raise Stop
-        epochs.extend([int(done)] * done.is_integer())
+        epochs.extend([int(epochs_done)] * epochs_done.is_integer())
 
     network = ("pointpillars_tiny", ["Pedestrian", "Car"])
-    run = TrainingContext(folder=folder, on_step=on_step)
-    return finetune(*network, *data, settings, seed, run), epochs
+    context = TrainingContext(folder=folder, on_step=on_step, halvings=halvings)
+    return finetune(*network, *data, settings, seed, context), epochs
 
 
 def losses(result):
@@ -61,10 +61,20 @@ def test_a_stopped_training_gives_what_it_would_have_given(data, tmp_path, optim
     seconds = rest.curve[rest.curve.metric == "seconds"].set_index("epoch")["value"]
     assert rest.earlier_seconds == pytest.approx(seconds[:3].sum())
     assert whole.earlier_seconds == 0
-    done, epochs = train(data, tmp_path, settings)
+    result, epochs = train(data, tmp_path, settings)
     assert epochs == []
-    same(whole, done)
-    assert done.curve.equals(rest.curve), "the seconds too"
+    same(whole, result)
+    assert result.curve.equals(rest.curve), "the seconds too"
+
+
+def test_halved_steps_go_on_unless_they_are_still_too_large(data, tmp_path):
+    settings = SETTINGS.model_copy(update={"batch_size": 4})
+    with pytest.raises(Stop):
+        train(data, tmp_path, settings, stop=2, halvings=1)
+    result, epochs = train(data, tmp_path, settings, halvings=1)
+    assert (epochs, result.batch_size, result.batch_size_reduced) == ([3, 4], 2, True)
+    result, epochs = train(data, tmp_path, settings, halvings=2)
+    assert (epochs, result.batch_size, result.batch_size_reduced) == ([1, 2, 3, 4], 1, True)
 
 
 def test_another_training_does_not_go_on_here(data, tmp_path):

@@ -48,16 +48,16 @@ def test_proposals_by_hand():
     boxes = cubes([0.0, 0.1, 10.0, 20.0, 30.0])
     boxes[4, 6] = torch.inf
     logits = torch.tensor([[1.0, -9], [-9, 2], [-5, -6], [3, -9], [9, 9]])
-    found = propose([logits, logits[2:3]], [boxes, boxes[2:3]], Suppression(0.5, pre=3, post=4))
-    assert found.boxes.shape == (2, 4, 7)
+    proposals = propose([logits, logits[2:3]], [boxes, boxes[2:3]], Suppression(0.5, pre=3, post=4))
+    assert proposals.boxes.shape == (2, 4, 7)
     # The box that is not finite is none; 0 is hidden by 1; pre leaves 3, 1 and 0.
-    assert found.boxes[0, :, 0].tolist() == pytest.approx([20, 0.1, 0, 0])
-    assert found.scores.tolist() == [[3, 2, 0, 0], [-5, 0, 0, 0]]
-    assert found.labels.tolist() == [[1, 2, 1, 1], [1, 1, 1, 1]]
-    assert (found.boxes[0, 2:] == 0).all()
-    assert found.labels.dtype == torch.int64
-    found = propose([torch.zeros(0, 3)], [torch.zeros(0, 7)], Suppression(0.5, 10, 4))
-    assert torch.equal(found.boxes, torch.zeros(1, 4, 7))
+    assert proposals.boxes[0, :, 0].tolist() == pytest.approx([20, 0.1, 0, 0])
+    assert proposals.scores.tolist() == [[3, 2, 0, 0], [-5, 0, 0, 0]]
+    assert proposals.labels.tolist() == [[1, 2, 1, 1], [1, 1, 1, 1]]
+    assert (proposals.boxes[0, 2:] == 0).all()
+    assert proposals.labels.dtype == torch.int64
+    proposals = propose([torch.zeros(0, 3)], [torch.zeros(0, 7)], Suppression(0.5, 10, 4))
+    assert torch.equal(proposals.boxes, torch.zeros(1, 4, 7))
 
 
 @pytest.mark.usefixtures("last_bits")
@@ -65,9 +65,9 @@ def test_encoding_in_a_roi_and_decoding_are_inverse():
     boxes, rois = boxes_near(200, 0).double(), boxes_near(200, 1).double()
     residuals = encode_in_rois(boxes, rois)
     assert (residuals[:, 6].abs() <= math.pi / 2).all()
-    found = decode_in_rois(residuals, rois)
-    torch.testing.assert_close(found[:, :6], boxes[:, :6])
-    turn = (found[:, 6] - boxes[:, 6]) / math.pi
+    decoded = decode_in_rois(residuals, rois)
+    torch.testing.assert_close(decoded[:, :6], boxes[:, :6])
+    turn = (decoded[:, 6] - boxes[:, 6]) / math.pi
     torch.testing.assert_close(turn, turn.round(), atol=1e-9, rtol=0)
     assert (turn.round() % 2).sum() > 20  # some are turned round
 
@@ -87,8 +87,8 @@ def test_grid_of_a_roi_by_hand_is_turned_counterclockwise():
     torch.testing.assert_close(grid[0, 1], torch.tensor([10.5, -1.0, 0.5]))
     torch.testing.assert_close(grid[0, 4], torch.tensor([10.5, 1.0, -0.5]))
     torch.testing.assert_close(grid.mean(dim=1), roi[:, :3])
-    found = turned(torch.tensor([[[1.0, 0.0, 5.0]]]), torch.tensor([math.pi / 2]))
-    torch.testing.assert_close(found, torch.tensor([[[0.0, 1.0, 5.0]]]))
+    points = turned(torch.tensor([[[1.0, 0.0, 5.0]]]), torch.tensor([math.pi / 2]))
+    torch.testing.assert_close(points, torch.tensor([[[0.0, 1.0, 5.0]]]))
 
 
 def test_sample_has_the_objects_and_shares_of_the_settings():
@@ -99,19 +99,19 @@ def test_sample_has_the_objects_and_shares_of_the_settings():
     labels = torch.randint(1, 3, (500,))
     object_labels = torch.tensor([1, 1, 1, 2, 2, 2])
     sampling = RoiSampling(rois=64)
-    found = sample_rois(proposals_of(rois, labels), [objects], [object_labels], sampling)
-    assert found.rois.boxes.shape == (1, 64, 7)
-    iou = iou_3d(found.rois.boxes[0], objects)
-    iou = iou * (found.rois.labels[0][:, None] == object_labels)
+    sample = sample_rois(proposals_of(rois, labels), [objects], [object_labels], sampling)
+    assert sample.rois.boxes.shape == (1, 64, 7)
+    iou = iou_3d(sample.rois.boxes[0], objects)
+    iou = iou * (sample.rois.labels[0][:, None] == object_labels)
     best, row = iou.max(dim=1)
-    torch.testing.assert_close(found.boxes[0][best > 0], objects[row[best > 0]])
-    assert (found.regress[0] == (best > 0.55)).all()
-    assert found.regress.sum() == 32
+    torch.testing.assert_close(sample.boxes[0][best > 0], objects[row[best > 0]])
+    assert (sample.regress[0] == (best > 0.55)).all()
+    assert sample.regress.sum() == 32
     assert ((best >= 0.1) & (best < 0.55)).sum() == 25  # int(0.8 * 32)
     assert (best < 0.1).sum() == 7
-    foreground = found.rois.boxes[0][:32]
+    foreground = sample.rois.boxes[0][:32]
     assert len(foreground.unique(dim=0)) == 32  # without replacement
-    torch.testing.assert_close(found.scores[0], ((best - 0.25) / 0.5).clamp(0, 1))
+    torch.testing.assert_close(sample.scores[0], ((best - 0.25) / 0.5).clamp(0, 1))
 
 
 @pytest.mark.parametrize(
@@ -137,9 +137,9 @@ def test_sample_of_every_mixture(kinds, expected):
 
 def test_frames_without_objects_and_zero_proposals_are_background():
     rois = torch.cat([boxes_near(5, 0), torch.zeros(5, 7)])
-    found = targets_of(rois, torch.zeros(0, 7))
-    assert not found.regress.any()
-    assert (found.scores == 0).all()
+    sample = targets_of(rois, torch.zeros(0, 7))
+    assert not sample.regress.any()
+    assert (sample.scores == 0).all()
     assert (targets_of(torch.zeros(4, 7), boxes_near(1, 1)).scores == 0).all()
 
 
@@ -163,7 +163,7 @@ def test_corner_loss_by_hand():
 
 
 def targets_and_output():
-    """Of 16 RoIs, some of which learn a box, float64."""
+    """Outputs and targets of 16 RoIs, some of which learn a box, float64."""
     objects = boxes_near(4, 5).double()
     targets = targets_of(torch.cat([objects + 0.05, boxes_near(20, 6).double()]), objects)
     assert 0 < targets.regress.sum() < 16
@@ -222,10 +222,10 @@ def test_detections_leave_out_what_fills_up():
     proposals = Proposals(rois, torch.zeros(1, 4), torch.tensor([[1, 2, 3, 1]]))
     output = RoiOutput(torch.tensor([[0.0], [1.0], [-9.0], [5.0]]), torch.zeros(4, 7))
     head = RoiHead(SETTINGS)
-    (found,) = head.detections(output, proposals, Selection(score=0.1, nms=0.1))
-    assert found["labels"].tolist() == [2]
-    torch.testing.assert_close(found["boxes"], rois[0, 1:2])
-    torch.testing.assert_close(found["scores"], torch.tensor([1.0]).sigmoid())
-    torch.testing.assert_close(found["refined"], rois[0, :3])
-    (found,) = head.detections(RoiOutput(output.logits, None), proposals, Selection(nms=1.0))
-    assert found["labels"].tolist() == [2, 1]
+    (detected,) = head.detections(output, proposals, Selection(score=0.1, nms=0.1))
+    assert detected["labels"].tolist() == [2]
+    torch.testing.assert_close(detected["boxes"], rois[0, 1:2])
+    torch.testing.assert_close(detected["scores"], torch.tensor([1.0]).sigmoid())
+    torch.testing.assert_close(detected["refined"], rois[0, :3])
+    (detected,) = head.detections(RoiOutput(output.logits, None), proposals, Selection(nms=1.0))
+    assert detected["labels"].tolist() == [2, 1]

@@ -50,19 +50,21 @@ def test_detections_are_openpcdets(openpcdet):
     proposals = model.roi_head.propose(*model.dense_head.decode(first.head))
     proposals.boxes.copy_(of_roi_head(DATA, "rois"))
     output = model.second_stage(proposals.boxes, first)
-    for b, found in enumerate(model.roi_head.detections(output, proposals, model.selection)):
-        own = {key: torch.from_numpy(DATA[f"final_{b}/pred_{key}"]) for key in ("boxes", "labels")}
+    for b, detected in enumerate(model.roi_head.detections(output, proposals, model.selection)):
+        expected = {
+            key: torch.from_numpy(DATA[f"final_{b}/pred_{key}"]) for key in ("boxes", "labels")
+        }
         score = torch.from_numpy(DATA[f"final_{b}/pred_iou_scores"])
-        same = (found["boxes"][:, None] == own["boxes"]).all(dim=2)
+        same = (detected["boxes"][:, None] == expected["boxes"]).all(dim=2)
         assert same.any(dim=0).all()
         row = same.int().argmax(dim=0)
-        assert torch.equal(found["labels"][row], own["labels"])
-        torch.testing.assert_close(found["scores"][row], score, rtol=1e-4, atol=1e-5)
-        assert (found["scores"].diff() <= 0).all()
-        extra = found["boxes"][~same.any(dim=1)]
+        assert torch.equal(detected["labels"][row], expected["labels"])
+        torch.testing.assert_close(detected["scores"][row], score, rtol=1e-4, atol=1e-5)
+        assert (detected["scores"].diff() <= 0).all()
+        extra = detected["boxes"][~same.any(dim=1)]
         assert len(extra) <= 2
         for box in extra:
-            others = own["boxes"][iou_bev(box[None].numpy(), own["boxes"].numpy())[0] > 0]
+            others = expected["boxes"][iou_bev(box[None].numpy(), expected["boxes"].numpy())[0] > 0]
             assert torch.cat([box[None], others])[:, 3:5].min() < 0.01
 
 
@@ -71,12 +73,12 @@ def test_pooling_by_hand():
     y, x = torch.meshgrid(torch.arange(8.0), torch.arange(8.0), indexing="ij")
     image = torch.stack([x, y])[None]  # in cells
     rois = torch.tensor([[[6.0, 0.0, 1.0, 4.0, 4.0, 2.0, 0.0], [6.0, 0.0, 1, 4.0, 4.0, 2.0, 0.5]]])
-    found = bev_pool(image, rois, corner, cell, 3)
-    assert found.shape == (2, 2, 3, 3)
-    torch.testing.assert_close(found[0, 0, 1], torch.tensor([2.0, 3.0, 4.0]))
-    torch.testing.assert_close(found[0, 1, :, 1], torch.tensor([3.0, 4.0, 5.0]))
+    pooled = bev_pool(image, rois, corner, cell, 3)
+    assert pooled.shape == (2, 2, 3, 3)
+    torch.testing.assert_close(pooled[0, 0, 1], torch.tensor([2.0, 3.0, 4.0]))
+    torch.testing.assert_close(pooled[0, 1, :, 1], torch.tensor([3.0, 4.0, 5.0]))
     ahead = torch.tensor([3.0 + math.cos(0.5), 4.0 + math.sin(0.5)])
-    torch.testing.assert_close(found[1, :, 1, 2], ahead)
+    torch.testing.assert_close(pooled[1, :, 1, 2], ahead)
     outside = rois + torch.tensor([100.0, 0, 0, 0, 0, 0, 0])
     assert (bev_pool(image, outside, corner, cell, 3) == 0).all()
 
@@ -93,9 +95,9 @@ def test_the_head_knows_the_cells_of_its_image():
     y, x = torch.meshgrid(torch.arange(ny), torch.arange(nx), indexing="ij")
     places = torch.stack([x, y])[None] * head.cell + torch.tensor(head.corner)[None, :, None, None]
     roi = torch.tensor([[[30.0, 10.0, 0.0, 4.0, 2.0, 1.5, 0.0]]])
-    found = bev_pool(places.float(), roi, head.corner, head.cell, 3)[0]
-    torch.testing.assert_close(found[0], torch.tensor([28.0, 30.0, 32.0]).expand(3, 3))
-    torch.testing.assert_close(found[1], torch.tensor([9.0, 10.0, 11.0])[:, None].expand(3, 3))
+    pooled = bev_pool(places.float(), roi, head.corner, head.cell, 3)[0]
+    torch.testing.assert_close(pooled[0], torch.tensor([28.0, 30.0, 32.0]).expand(3, 3))
+    torch.testing.assert_close(pooled[1], torch.tensor([9.0, 10.0, 11.0])[:, None].expand(3, 3))
 
 
 def test_losses_reach_all_parameters():

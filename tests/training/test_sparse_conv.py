@@ -28,12 +28,12 @@ def sites(shape, frames, share, channels=3, dtype=torch.float64):
 
 
 def dense_weight(module):
-    """In the layout of conv3d: out, in, z, y, x."""
+    """Weights in the layout of conv3d: out, in, z, y, x."""
     return module.weight.permute(0, 4, 1, 2, 3)
 
 
 def dense(x):
-    """All cells, shape (frames, C, nz, ny, nx)."""
+    """Features of all cells, shape (frames, C, nz, ny, nx)."""
     grid = x.features.new_zeros(x.frames, *x.shape, x.features.shape[1])
     return grid.index_put(tuple(x.coordinates.T), x.features).permute(0, 4, 1, 2, 3)
 
@@ -77,7 +77,10 @@ def test_strided_is_dense_convolution(grid, kernel, stride, padding):
 def test_gradients_are_finite_differences():
     torch.manual_seed(0)
     x = sites((3, 4, 5), 2, 0.2)
-    modules = [SubmanifoldConv3d(3, 2), *(SparseConv3d(3, 2, *own) for own in STRIDED[:3])]
+    modules = [
+        SubmanifoldConv3d(3, 2),
+        *(SparseConv3d(3, 2, *geometry) for geometry in STRIDED[:3]),
+    ]
     for module in modules:
         weight = torch.nn.Parameter(module.weight.detach().double())
 

@@ -82,8 +82,8 @@ def test_a_checkpoint_has_its_anchors(tmp_path):
     other = build_detector("pointpillars_tiny", classes, typical=[shorter])
     with refused(f"; expected {re.escape(f'{shorter}, found {TRUCK}')}; "):
         load_checkpoint(other, path)
-    kept = load_checkpoint(other, path, new_heads=True).reinitialised
-    assert {key.split(".")[0] for key in kept} == {"dense_head"}
+    reinitialised = load_checkpoint(other, path, new_heads=True).reinitialised
+    assert {key.split(".")[0] for key in reinitialised} == {"dense_head"}
 
 
 def test_a_training_measures_classes_that_nothing_knows():
@@ -101,9 +101,9 @@ def test_a_training_measures_classes_that_nothing_knows():
 def test_classes_are_judged_at_their_own_overlaps():
     truth = boxes((0, "a", "Truck", 10, 0, 1.6, 8, 2, 3, 0))
     # Moved by 2 of 8 metres: an IoU of 6 / 10.
-    found = truth.assign(x=12.0, score=0.9)
-    at = evaluate_boxes(truth, found, [0], ["Truck"], ious={"Truck": Overlaps(0.65, 0.55)})
+    detected = truth.assign(x=12.0, score=0.9)
+    at = evaluate_boxes(truth, detected, [0], ["Truck"], ious={"Truck": Overlaps(0.65, 0.55)})
     recall = at[at["metric"] == "class_recall_3D"].set_index("iou")["value"]
     assert recall.to_dict() == {0.65: 0.0, 0.55: 100.0}
-    kitti = evaluate_boxes(truth, found, [0], ["Truck"])
+    kitti = evaluate_boxes(truth, detected, [0], ["Truck"])
     assert set(kitti.loc[kitti["metric"] == "AP_R40_3D", "iou"]) == {0.5, 0.25}

@@ -49,13 +49,13 @@ def test_detections_are_openpcdets(openpcdet):
     proposals = model.roi_head.propose(*model.dense_head.decode(first.head))
     proposals.boxes.copy_(of_roi_head(DATA, "rois"))
     output = model.second_stage(proposals.boxes, first)
-    (found,) = model.roi_head.detections(output, proposals, model.selection)
+    (detected,) = model.roi_head.detections(output, proposals, model.selection)
     boxes, scores = (torch.from_numpy(DATA[f"final_0/pred_{key}"]) for key in ("boxes", "scores"))
-    assert len(found["boxes"]) == len(boxes)
-    torch.testing.assert_close(found["scores"], scores, rtol=1e-5, atol=1e-6)
-    assert (found["labels"] == 1).all()
-    assert found["refined"].shape == (100, 7)
-    close = torch.isclose(found["boxes"][:, None], boxes, rtol=1e-3, atol=1e-2).all(dim=2)
+    assert len(detected["boxes"]) == len(boxes)
+    torch.testing.assert_close(detected["scores"], scores, rtol=1e-5, atol=1e-6)
+    assert (detected["labels"] == 1).all()
+    assert detected["refined"].shape == (100, 7)
+    close = torch.isclose(detected["boxes"][:, None], boxes, rtol=1e-3, atol=1e-2).all(dim=2)
     tied = torch.isclose(scores[:, None], scores, rtol=0, atol=1e-6).sum(dim=1) > 1
     missing = ~close.any(dim=0)
     assert missing.sum() <= 1
@@ -77,7 +77,7 @@ def test_pool_against_brute_force():
         if isinstance(module, torch.nn.BatchNorm1d):
             torch.nn.init.normal_(module.running_mean)
             torch.nn.init.normal_(module.bias)
-    found = pool(voxels, centres, places, cells)
+    pooled = pool(voxels, centres, places, cells)
     rows = pool.mlps_in[0](voxels.features)
     result = []
     for place, cell in zip(places, cells, strict=True):
@@ -91,7 +91,7 @@ def test_pool_against_brute_force():
         features = rows[near] if near else torch.zeros(1, 6)
         offsets = centres[near] - place if near else torch.zeros(1, 3)
         result.append((features + pool.mlps_pos[0](offsets)).relu().amax(dim=0))
-    torch.testing.assert_close(found, pool.mlps_out[0](torch.stack(result)))
+    torch.testing.assert_close(pooled, pool.mlps_out[0](torch.stack(result)))
 
 
 def test_losses_reach_all_parameters():

@@ -60,11 +60,11 @@ def test_features_are_those_of_loops():
     module = small()
     clouds, scales, bev = scene([40, 0, 25])
     with torch.no_grad():
-        found = module(clouds, scales, bev)
-    assert found.counts.tolist() == [6, 0, 6]
-    assert found.sources.shape == (12, module.inputs)
+        keypoints = module(clouds, scales, bev)
+    assert keypoints.counts.tolist() == [6, 0, 6]
+    assert keypoints.sources.shape == (12, module.inputs)
     for k, (frame, place) in enumerate(
-        zip(torch.repeat_interleave(found.counts).tolist(), found.xyz, strict=True)
+        zip(torch.repeat_interleave(keypoints.counts).tolist(), keypoints.xyz, strict=True)
     ):
         cloud = clouds[frame].double()
         assert (cloud[:, :3] == place).all(dim=1).any()
@@ -72,17 +72,17 @@ def test_features_are_those_of_loops():
         expected = [bilinear(bev[frame], x, y)]
         expected.append(ball_features(module.SA_rawpoints, cloud[:, :3], cloud[:, 3:], place))
         for (name, stride), layer in zip(SCALES.items(), module.SA_layers, strict=True):
-            own = scales[name].coordinates[:, 0] == frame
-            site = scales[name].coordinates[own][:, [3, 2, 1]]
+            of_frame = scales[name].coordinates[:, 0] == frame
+            site = scales[name].coordinates[of_frame][:, [3, 2, 1]]
             centres = (site + 0.5) * 0.2 * stride + torch.tensor([0.0, -2.0, 0.0]).double()
-            expected.append(ball_features(layer, centres, scales[name].features[own], place))
-        torch.testing.assert_close(found.sources[k], torch.cat(expected), rtol=1e-6, atol=1e-6)
-    assert (found.sources > 0).double().mean() > 0.5
-    assert found.features.shape == (12, 7)
+            expected.append(ball_features(layer, centres, scales[name].features[of_frame], place))
+        torch.testing.assert_close(keypoints.sources[k], torch.cat(expected), rtol=1e-6, atol=1e-6)
+    assert (keypoints.sources > 0).double().mean() > 0.5
+    assert keypoints.features.shape == (12, 7)
 
 
 def bilinear(image, x, y):
-    """Of an image (C, ny, nx) at one place, with features at the cells' lower corners."""
+    """Sample an image (C, ny, nx) at one place, with features at the cells' lower corners."""
     ny, nx = image.shape[1:]
     total = torch.zeros(len(image)).double()
     for j, i in itertools.product(range(ny), range(nx)):
@@ -94,13 +94,13 @@ def bilinear(image, x, y):
 def test_mixed_voxels_are_the_same_in_an_order_of_their_places():
     _, scales, _ = scene((30, 0, 40))
     voxels = scales["x_conv1"]
-    found = mixed(voxels)
-    assert (found.coordinates[:, 0].diff() >= 0).all()
+    shuffled = mixed(voxels)
+    assert (shuffled.coordinates[:, 0].diff() >= 0).all()
     row = {tuple(site): i for i, site in enumerate(voxels.coordinates.tolist())}
-    rows = [row[tuple(site)] for site in found.coordinates.tolist()]
+    rows = [row[tuple(site)] for site in shuffled.coordinates.tolist()]
     assert sorted(rows) == list(range(len(voxels.coordinates)))
-    assert torch.equal(found.features, voxels.features[rows])
+    assert torch.equal(shuffled.features, voxels.features[rows])
     # A ball keeps the first of them: those must not be the lowest.
-    first = found.coordinates[found.coordinates[:, 0] == 0]
+    first = shuffled.coordinates[shuffled.coordinates[:, 0] == 0]
     half = len(first) // 2
     assert abs(first[:half, 1].double().mean() - first[half:, 1].double().mean()) < 1

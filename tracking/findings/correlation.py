@@ -100,7 +100,7 @@ def _block(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> list[di
     if n < 3:
         note = "no value: the class has no ground truth" if n == 0 else "fewer than 3 placements"
         return [{**row, "note": note} for row in rows]
-    mean = without_seeds(y)[0]
+    mean = without_seeds(y).means
     for coefficient in COEFFICIENTS:
         values = scores(x, coefficient) @ scores(mean, coefficient)
         p = permutation_p(x, mean, coefficient, seed)
@@ -128,9 +128,8 @@ def _block(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> list[di
 
 
 def _reliability(y: NDArray[np.float64]) -> float:
-    means, variance, degrees = without_seeds(y)
-    share = (1 / np.isfinite(y).sum(axis=1)).mean()
-    return float(reliability(means, variance * share, degrees)[0])
+    fit, share = without_seeds(y), (1 / np.isfinite(y).sum(axis=1)).mean()
+    return float(reliability(fit.means, fit.variance * share, fit.degrees)[0])
 
 
 def leave_one_out(
@@ -146,7 +145,7 @@ def leave_one_out(
     for group in paired(results, surrogates, axes):
         estimates: dict[str, dict[str, object]] = {}
         for placements, names in group.by_placements():
-            y = without_seeds(group.metric.loc[placements].to_numpy(np.float64))[0]
+            y = without_seeds(group.metric.loc[placements].to_numpy(np.float64)).means
             values = group.surrogates.loc[placements, names].to_numpy(np.float64).T
             estimates |= {name: _without_each(x, y) for name, x in zip(names, values, strict=True)}
         rows += [

@@ -41,15 +41,14 @@ def judgements(run: RunFolder) -> pd.DataFrame:
     if EVALUATOR not in run.axes:
         return pd.DataFrame(columns=columns)
     by_generalist = run.results[EVALUATOR] == _who(run.results)
-    specialists = run.results.loc[
-        ~run.results[EVALUATOR].isin(ONE_FOR_ALL), [EVALUATOR]
-    ].drop_duplicates()
+    others = run.results.loc[~run.results[EVALUATOR].isin(ONE_FOR_ALL), [EVALUATOR]]
+    others = others.drop_duplicates()
     parts = []
     for name in (*run.classes, "all"):
         for metric in _RECALL[1:] if name == "all" else _OF_A_CLASS:
             rows = at_headline_iou(run.results[by_generalist], run.results, name, metric)
             means = rows.groupby(keys, dropna=False, sort=False)["value"].mean().dropna()
-            part = means.reset_index().drop(columns=EVALUATOR).merge(specialists, how="cross")
+            part = means.reset_index().drop(columns=EVALUATOR).merge(others, how="cross")
             parts.append(part.assign(**{"class": name, "surrogate": judgement_name(metric)}))
     return pd.concat(parts, ignore_index=True)[columns]
 
@@ -107,11 +106,9 @@ def compare(run: RunFolder, means: pd.DataFrame, correlations: pd.DataFrame) -> 
     at = [at_headline_ious(with_values, run.results, name) for name in (*run.classes, "all")]
     rows = pd.concat(at).sort_index().reset_index(drop=True)
     keys = group_columns(run.axes)
-    pairs = [side_by_side(means, row) for row in rows[keys].to_dict("records")]
-    calibrations = [
-        calibration(pair["generalist"].to_numpy(), pair["specialist"].to_numpy()) for pair in pairs
-    ]
-    table = pd.DataFrame([one or {} for one in calibrations], columns=CALIBRATION)
+    pairs = (side_by_side(means, row) for row in rows[keys].to_dict("records"))
+    fits = [calibration(*pair[["generalist", "specialist"]].to_numpy().T) for pair in pairs]
+    table = pd.DataFrame([one or {} for one in fits], columns=CALIBRATION)
     return rows.join(table.astype("float64"))
 
 

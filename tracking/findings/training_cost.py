@@ -22,13 +22,10 @@ def is_longest(results: pd.DataFrame, axes: Sequence[str]) -> pd.Series:
 
     The setting is that of other axes. The longest has most epochs × share of the frames; of equal
     ones that of more different frames."""
-    cost_axes = [axis for axis in COST_AXES if axis in results]
-    keys = [results[key] for key in ("detector", *(axis for axis in axes if axis not in cost_axes))]
+    costs = [axis for axis in COST_AXES if axis in results]
+    keys = [results[key] for key in ("detector", *(axis for axis in axes if axis not in costs))]
     longest = pd.Series(True, index=results.index)
-    for amount in (
-        results[cost_axes].prod(axis=1),
-        *(results[axis] for axis in reversed(cost_axes)),
-    ):
+    for amount in (results[costs].prod(axis=1), *(results[axis] for axis in reversed(costs))):
         rest = amount.where(longest)
         longest &= rest == rest.groupby(keys, dropna=False).transform("max")
     return longest
@@ -41,19 +38,17 @@ def training_cost(results: pd.DataFrame, curves: pd.DataFrame, axes: Sequence[st
     (percent); seconds, of all its epochs; reference, whether it is the longest training;
     reference_ap, and error, reference_ap less ap: NaN where the longest training failed."""
     iou = {name: headline_iou(results, name) for name in results["class"].unique()}
-    results_of_ap = results[
+    rows = results[
         (results["metric"] == HEADLINE_METRIC) & (results["iou"] == results["class"].map(iou))
     ]
-    results_of_ap = results_of_ap.dropna(subset="value").rename(columns={"value": "ap"})
+    rows = rows.dropna(subset="value").rename(columns={"value": "ap"})
     spent = curves[curves["metric"] == "seconds"].groupby("trial")["value"].sum()
     # A first epoch that also compiled is as long as it was: that is what a user waits for.
-    results_of_ap["seconds"] = results_of_ap["trial"].map(spent)
-    results_of_ap["reference"] = is_longest(results_of_ap, axes)
+    rows["seconds"] = rows["trial"].map(spent)
+    rows["reference"] = is_longest(rows, axes)
     same = ["placement", "detector", "seed", *(a for a in axes if a not in COST_AXES), "class"]
-    reference = results_of_ap.loc[results_of_ap["reference"], [*same, "ap"]].rename(
-        columns={"ap": "reference_ap"}
-    )
-    table = results_of_ap.merge(reference, on=same, how="left")
+    reference = rows.loc[rows["reference"], [*same, "ap"]].rename(columns={"ap": "reference_ap"})
+    table = rows.merge(reference, on=same, how="left")
     table["error"] = table["reference_ap"] - table["ap"]
     columns = ["trial", "placement", "detector", "seed", *axes, "class", "iou", "ap", "seconds"]
     return table[[*columns, "reference", "reference_ap", "error"]]
@@ -65,17 +60,12 @@ def summarise_cost(cost: pd.DataFrame, axes: Sequence[str]) -> pd.DataFrame:
     Medians of seconds, means of AP and error with its sd over placements and seeds; kendall, the
     rank agreement of the placements' means with the longest training."""
     rows, keys = [], ["class", "detector", *axes]
-    for key, of_setting in cost.groupby(keys, sort=False, dropna=False):
-        means = of_setting.groupby("placement")[["ap", "reference_ap"]].mean().dropna()
-        of_error = (of_setting["error"].mean(), of_setting["error"].std())
+    for key, part in cost.groupby(keys, sort=False, dropna=False):
+        means = part.groupby("placement")[["ap", "reference_ap"]].mean().dropna()
+        of_error = (part["error"].mean(), part["error"].std())
         tau = rank_agreement(means["ap"], means["reference_ap"])[1]
-        measured = (
-            len(of_setting),
-            of_setting["seconds"].median(),
-            of_setting["ap"].mean(),
-            *of_error,
-        )
-        rows.append((*key, *measured, tau, bool(of_setting["reference"].all())))
+        measured = (len(part), part["seconds"].median(), part["ap"].mean(), *of_error)
+        rows.append((*key, *measured, tau, bool(part["reference"].all())))
     columns = [*keys, "trials", "seconds", "ap", "error", "error_sd", "kendall", "reference"]
     return pd.DataFrame(rows, columns=columns).sort_values(
         ["class", "detector", "seconds"], ascending=[True, True, False], ignore_index=True

@@ -66,16 +66,10 @@ def _other_cases(run: SearchFolder) -> list[str]:
     best, base = search.best[0], search.baseline
     lost = []
     for objective in search.objectives:
-        of_objective = rows[(rows["objective"] == objective.name) & (rows["case"] != "as designed")]
+        rigs = rows[(rows["objective"] == objective.name) & (rows["case"] != "as designed")]
         # LiDARs of two rigs do not correspond: the worst failure of each is compared.
-        case = of_objective["case"].str.replace(
-            r"^LiDAR \d+ fails$", "its worst LiDAR fails", regex=True
-        )
-        worst = (
-            (objective.sign * of_objective["value"])
-            .groupby([of_objective["rig"], case], sort=False)
-            .min()
-        )
+        case = rigs["case"].str.replace(r"^LiDAR \d+ fails$", "its worst LiDAR fails", regex=True)
+        worst = (objective.sign * rigs["value"]).groupby([rigs["rig"], case], sort=False).min()
         for name, value in worst.get(best, default=worst[:0]).items():
             peer = worst.get((base, name), default=float("nan"))
             if peer > value:

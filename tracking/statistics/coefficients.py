@@ -1,7 +1,7 @@
 """Pearson's r, Spearman's rho and Kendall's tau, their permutation tests, and many of these."""
 
 import math
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import permutations
 from typing import Literal
 
@@ -133,13 +133,10 @@ def adjust(p: Values, counted_as: NDArray[np.intp], method: Literal["holm", "fdr
     counts = np.isfinite(p) & (counted_as == np.arange(len(p)))
     adjusted = np.full(len(p), np.nan)
     if counts.any():
-        counted_p = p[counts]
-        adjusted_counts = (
-            holm(counted_p)
-            if method == "holm"
-            else stats.false_discovery_control(counted_p, method="by")
+        by_method = (
+            holm if method == "holm" else partial(stats.false_discovery_control, method="by")
         )
-        adjusted[counts] = adjusted_counts
+        adjusted[counts] = by_method(p[counts])
     return adjusted[counted_as]
 
 

@@ -7,7 +7,7 @@ from scipy import stats
 
 from tracking.statistics import Values
 from tracking.statistics.coefficients import scores
-from tracking.statistics.reliability import reliability, without_seeds
+from tracking.statistics.reliability import SeedFit, reliability, without_seeds
 
 LEAST_RELIABLE = 0.25
 """Reliability of the means below which its estimate is not trusted to correct by."""
@@ -33,10 +33,10 @@ def intervals(x: Values, y: Values, coefficient: str, confidence: float = 0.95) 
     `x` has shape (..., n), `y` a row a placement and a column a seed, (..., n, seeds), NaN where
     one is missing; leading axes broadcast. Lower and upper bound, shape (..., 2), NaN for fewer
     than 4 placements and constants."""
-    mean = without_seeds(y)[0]
-    u, v = scores(x, coefficient), scores(mean, coefficient)
+    fit = without_seeds(y)
+    u, v = scores(x, coefficient), scores(fit.means, coefficient)
     coefficients = (u * v).sum(axis=-1)
-    n = mean.shape[-1]
+    n = y.shape[-2]
     if n < LEAST_PLACEMENTS:
         return np.full((*coefficients.shape, 2), np.nan)
     step = {"pearson": 1e-12, "spearman": 6 / (n * (n**2 - 1)), "kendall": 2 / (n * (n - 1))}
@@ -45,7 +45,7 @@ def intervals(x: Values, y: Values, coefficient: str, confidence: float = 0.95) 
     half = reach * _standard_error(inner, u, v, coefficient, n)
     z = np.arctanh(inner)
     bounds = to_normal(np.tanh(np.stack([z - half, z + half], axis=-1)), coefficient)
-    bounds = _ratio_interval(to_normal(inner, coefficient), bounds, y, confidence)
+    bounds = _ratio_interval(to_normal(inner, coefficient), bounds, y, fit, confidence)
     bounds = from_normal(bounds, coefficient)
     perfect = np.abs(coefficients) > 1 - 1e-9
     bounds[..., 0] = np.where(perfect & (coefficients < 0), -1.0, bounds[..., 0])
@@ -57,23 +57,24 @@ def corrected(r: Values, y: Values, coefficient: str) -> Values:
     """Free coefficients, shape (..., m), with the mean of `y` over seeds, from the seeds' noise.
 
     In [-1, 1]; unchanged where no placement has two seeds. `y` as for `intervals`."""
-    lowered = _lowered_by(y, 0.95)[..., :1]
+    lowered = _lowered_by(y, without_seeds(y), 0.95)[..., :1]
     return from_normal(np.clip(to_normal(r, coefficient) / lowered, -1, 1), coefficient)
 
 
-def _lowered_by(y: Values, confidence: float) -> Values:
+def _lowered_by(y: Values, fit: SeedFit, confidence: float) -> Values:
     """Compute the root of the reliability of means over seeds, with its interval, shape (..., 3).
 
     1 where no placement has two seeds. The value is at least the root of `LEAST_RELIABLE`."""
-    means, variance, degrees = without_seeds(y)
     share = (1 / np.maximum(np.isfinite(y).sum(axis=-1), 1)).mean(axis=-1)
-    reliabilities = reliability(means, variance * share, degrees, confidence)
+    reliabilities = reliability(fit.means, fit.variance * share, fit.degrees, confidence)
     value, low, high = np.moveaxis(np.sqrt(np.nan_to_num(reliabilities, nan=1.0)), -1, 0)
     value = np.maximum(value, np.sqrt(LEAST_RELIABLE))
     return np.stack([value, np.minimum(low, value), np.maximum(high, value)], axis=-1)
 
 
-def _ratio_interval(r: Values, bounds: Values, y: Values, confidence: float) -> Values:
+def _ratio_interval(
+    r: Values, bounds: Values, y: Values, fit: SeedFit, confidence: float
+) -> Values:
     """Compute the interval of `r` over the root of the means' reliability, from that of each.
 
     By the recovery of variances from intervals (Donner and Zou 2012): R is inside if r - R root is
@@ -82,14 +83,14 @@ def _ratio_interval(r: Values, bounds: Values, y: Values, confidence: float) -> 
     populations by r / sqrt(2 (1 + (n - 1) / degrees)), to first order. The errors of ranks are
     larger, and the rest of them has nothing to do with the spread. `r` are Pearson correlations in
     (-1, 1), shape (...,)."""
-    root, least, most = np.moveaxis(_lowered_by(y, confidence), -1, 0)
-    n, degrees = y.shape[-2], without_seeds(y)[2]
+    root, least, most = np.moveaxis(_lowered_by(y, fit, confidence), -1, 0)
+    n = y.shape[-2]
     sign = np.where(r < 0, -1.0, 1.0)
     size, bounds = np.abs(r), sign[..., None] * bounds
     low, high = bounds.min(axis=-1), bounds.max(axis=-1)
     reach = stats.norm.ppf((1 + confidence) / 2) / np.sqrt(n - 3)
     normal = np.tanh(np.arctanh(size) + reach) - np.tanh(np.arctanh(size) - reach)
-    together = size / np.sqrt(2 * (1 + (n - 1) / np.maximum(degrees, 1)))
+    together = size / np.sqrt(2 * (1 + (n - 1) / np.maximum(fit.degrees, 1)))
     together = together * np.minimum(normal / (high - low), 1.0)
 
     def bound(off: Values, other: Values, together: Values, side: int) -> Values:
@@ -152,7 +153,7 @@ def strength_leads(x: Values, y: Values, coefficient: str = "spearman") -> Value
     from the same results, so the level is that of the studentized range of so many surrogates.
     `x` has a row a surrogate, shape (..., k, n), `y` is that of `intervals`; the result has shape
     (..., k - 1, 2)."""
-    of_x, of_y = scores(x, coefficient), scores(without_seeds(y)[0], coefficient)
+    of_x, of_y = scores(x, coefficient), scores(without_seeds(y).means, coefficient)
     coefficients = (of_x * of_y[..., None, :]).sum(axis=-1)
     sign = np.where(coefficients < 0, -1.0, 1.0)
     level = _simultaneous_level(x.shape[-2])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,7 +59,15 @@ class Noise:
         return self.variance * float(np.mean(1 / self.counts))
 
 
-def without_seeds(y: Values) -> tuple[Values, Values, Values]:
+class SeedFit(NamedTuple):
+    """Means of placements without the effects of seeds, and the noise of one value."""
+
+    means: Values  # shape (..., n)
+    variance: Values  # of one value, shape (...,); NaN without degrees of freedom
+    degrees: Values  # its degrees of freedom, shape (...,)
+
+
+def without_seeds(y: Values) -> SeedFit:
     """Remove from the means of placements what a seed adds to all; estimate the noise of one value.
 
     Trainings of one seed share order, augmentation and initial weights. So a value is a part of its
@@ -68,7 +77,7 @@ def without_seeds(y: Values) -> tuple[Values, Values, Values]:
     not share enough of them, these are `seed_mean` and `pooled_variance`.
 
     `y` has a row a placement and a column a seed, shape (..., n, seeds), NaN where one is missing.
-    Returns the means, (..., n), the variance, NaN without degrees of freedom, and these, (...,)."""
+    Leading axes are samples, each fitted by itself."""
     measured, means = np.isfinite(y), seed_mean(y)
     rest = np.where(measured, y - means[..., None], 0.0)
     counts = measured.sum(axis=-1, keepdims=True)
@@ -83,7 +92,7 @@ def without_seeds(y: Values) -> tuple[Values, Values, Values]:
     degrees = measured.sum(axis=(-2, -1)) - measured.any(axis=-1).sum(axis=-1) - free
     linked = (np.linalg.matrix_rank(matrix, hermitian=True) == free) & (degrees > 0)
     variance, unlinked = pooled_variance(y)
-    return (
+    return SeedFit(
         means - np.where(linked[..., None], within[..., 0], 0.0),
         np.where(linked, squares.sum(axis=(-2, -1)) / np.maximum(degrees, 1), variance),
         np.where(linked, degrees, unlinked),

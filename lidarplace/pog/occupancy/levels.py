@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import njit
+from lidarplace.base.kernel_cache import inlined, njit
 from lidarplace.coverage.bits import Bits
 from lidarplace.coverage.tiles import Tiles
 
@@ -55,35 +55,42 @@ class Levels:
 
 @njit(cache=True, nogil=True)
 def _group(counts, first, voxels, count_of_set):
-    """Fill `first`, and the sets where there is room for them; returns the number of sets."""
+    """Fill `first`, and the sets where there is room for them; return the number of sets."""
     nx, ny, nz = counts.shape
-    column_counts = np.empty(64, np.int32)  # the counts of one column, and their voxels
-    members = np.empty(64, np.uint64)
+    of_column, members = np.empty(64, np.int32), np.empty(64, np.uint64)
     size, column = 0, 0
     for word in range((nz + 63) // 64):
         for i in range(nx):
             for j in range(ny):
-                number, last = 0, 0
-                for k in range(64 * word, min(64 * word + 64, nz)):
-                    count = counts[i, j, k]
-                    if count == 0:
-                        continue
-                    if number == 0 or column_counts[last] != count:
-                        last = 0
-                        while last < number and column_counts[last] != count:
-                            last += 1
-                        if last == number:
-                            column_counts[last], members[last] = count, 0
-                            number += 1
-                    members[last] |= np.uint64(1) << np.uint64(k & 63)
+                part = counts[i, j, 64 * word : min(64 * word + 64, nz)]
+                number = _group_column(part, of_column, members)
                 first[column] = size
                 if len(voxels):
                     for n in range(number):
-                        voxels[size + n], count_of_set[size + n] = members[n], column_counts[n]
+                        voxels[size + n], count_of_set[size + n] = members[n], of_column[n]
                 size += number
                 column += 1
     first[column] = size
     return size
+
+
+@inlined
+def _group_column(counts, of_column, members):
+    """List the different counts of a column, and their voxels as bits; return their number."""
+    number, last = 0, 0
+    for k in range(len(counts)):
+        count = counts[k]
+        if count == 0:
+            continue
+        if number == 0 or of_column[last] != count:
+            last = 0
+            while last < number and of_column[last] != count:
+                last += 1
+            if last == number:
+                of_column[last], members[last] = count, 0
+                number += 1
+        members[last] |= np.uint64(1) << np.uint64(k)
+    return number
 
 
 @njit(cache=True, nogil=True)

@@ -33,7 +33,7 @@ least of their sums."""
 _ROUNDING = 1e-10
 """Relative; sums of float64 are right to 1e-12, see `Majorant`."""
 Added = Callable[[int], float]
-"""What a candidate adds to a set."""
+"""Function of a candidate: its gain, added to a set."""
 
 
 @dataclass(frozen=True, eq=False)

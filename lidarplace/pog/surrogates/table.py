@@ -208,15 +208,15 @@ SURROGATES = Registry(
 )
 """Surrogates by name, ours in the order of display."""
 ASKED_FOR = SURROGATES.where(lambda own: own.beside is None)
-"""What a user can ask for."""
+"""Surrogates that a user can ask for."""
 OBJECT_SURROGATES = SURROGATES.where(lambda own: own.of_objects)
 """Means over the objects of the log."""
 POG_SURROGATES = SURROGATES.where(lambda own: not own.of_objects)
-"""Those of a POG, in the order of display."""
+"""Surrogates of a POG, in the order of display."""
 ASKED_OF_POG = SURROGATES.where(lambda own: own.beside is None and not own.of_objects)
-"""What a user can ask for of a POG."""
+"""Surrogates of a POG that a user can ask for."""
 RAY_SURROGATES = SURROGATES.where(lambda own: own.needs_rays)
-"""Those that need the number of rays through every voxel; computed when asked for."""
+"""Surrogates that need the number of rays through every voxel; computed when asked for."""
 
 
 def to_ask_for(names: Iterable[str]) -> list[str]:
@@ -225,6 +225,6 @@ def to_ask_for(names: Iterable[str]) -> list[str]:
 
 
 HEADLINE_SURROGATES = SURROGATES.where(lambda own: own.headline)
-"""Those with an order of their own: the others order placements as S-MIG or its negative."""
+"""Surrogates with an order of their own: others order placements as S-MIG or its negative."""
 DECIDING = SURROGATES.where(lambda own: own.decides)
-"""What orders placements where nothing was trained: the first of these that was computed."""
+"""Surrogates that order placements where nothing was trained: the first that was computed."""

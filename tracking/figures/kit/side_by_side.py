@@ -24,14 +24,12 @@ def side_by_side(
     plot = style.figure(title, height=150 + (24 + 8 * len(columns)) * len(rows))
     for i, (name, values) in enumerate(columns.items()):
         values = values.reindex(list(rows))
-        up, down = (
-            (values["high"] - values["mean"]).fillna(0),
-            (values["mean"] - values["low"]).fillna(0),
-        )
+        mean = values["mean"]
+        up, down = (values["high"] - mean).fillna(0), (mean - values["low"]).fillna(0)
         # One below the other within a row, as bars of equal values would hide each other.
         place = np.arange(len(rows)) + 0.5 * ((i + 0.5) / len(columns) - 0.5)
         plot.add_scatter(
-            x=values["mean"].to_numpy(),
+            x=mean.to_numpy(),
             y=place,
             error_x=style.error_bars(up, down, thickness=1.5),
             mode="markers",
@@ -45,11 +43,8 @@ def side_by_side(
     style.name_rows(plot, rows)
     if odds:
         right = {"x": 1.01, "xref": "paper", "xanchor": "left", "align": "left", "showarrow": False}
-        for row, likelihood in [
-            *enumerate(map(style.text, odds)),
-            (-0.9, "likely to<br>be the best"),
-        ]:
-            plot.add_annotation(y=row, text=likelihood, font={"size": 11}, **right)
+        for row, note in [*enumerate(map(style.text, odds)), (-0.9, "likely to<br>be the best")]:
+            plot.add_annotation(y=row, text=note, font={"size": 11}, **right)
         plot.update_yaxes(range=[len(odds) - 0.5, -1.4])
         plot.update_layout(margin={"r": 84})
     return style.legend_below(plot)

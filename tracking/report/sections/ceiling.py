@@ -99,13 +99,8 @@ def agreement_of_halves(left_out: pd.DataFrame, axes: Sequence[str] = ()) -> pd.
     keys = [key for key in group_columns(axes) if key != "difficulty"]
     halves = left_out[left_out["unit"] == "half"]
     rows = []
-    for key, of_metric in halves.groupby(keys, dropna=False, sort=False, observed=True):
-        means = (
-            of_metric.groupby(["left_out", "placement"])["value"]
-            .mean()
-            .unstack("left_out")
-            .dropna()
-        )
+    for key, part in halves.groupby(keys, dropna=False, sort=False, observed=True):
+        means = part.groupby(["left_out", "placement"])["value"].mean().unstack("left_out").dropna()
         splits = sorted({str(name)[:-1] for name in means})
         if len(means) < 3:
             continue

@@ -45,15 +45,13 @@ def predictors_section(analysis: Analysis) -> Section | None:
     if not analysis.predictors:
         section.notes.append("Fewer than 3 placements with a metric: no coefficient.")
         return section
-    headlines = [one for one in analysis.predictors if _is_headline(run, one)]
-    sentences = [
-        " · ".join(filter(None, (_group_label(run, one.group), one.sentence))) for one in headlines
-    ]
+    cases = [one for one in analysis.predictors if _is_headline(run, one)]
+    labelled = ((_group_label(run, one.group), one.sentence) for one in cases)
+    sentences = [" · ".join(filter(None, pair)) for pair in labelled]
     section.notes += sentences[:MOST_SENTENCES]
     if len(sentences) > MOST_SENTENCES:
-        section.notes.append(
-            f"The first {MOST_SENTENCES} of {len(sentences)} cases; the table has all."
-        )
+        more = f"The first {MOST_SENTENCES} of {len(sentences)} cases; the table has all."
+        section.notes.append(more)
     tested = int(correlations["pairs_tested"].iloc[0])
     section.notes.append(
         f"{tested} pairs of a surrogate and a metric were tested: about {0.05 * tested:.0f} "

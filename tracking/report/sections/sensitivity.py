@@ -37,26 +37,20 @@ def sensitivity_section(analysis: Analysis) -> Section | None:
 
 def _most_sensitive(object_class: str, spreads: pd.DataFrame, axes: Sequence[str]) -> list[str]:
     """Say where the placement moves 3D AP, or recall, most, relative to its mean."""
-    headlines = spreads[spreads["metric"] == headline_metric(object_class)].dropna(
-        subset="relative"
-    )
-    if headlines.empty:
+    rows = spreads[spreads["metric"] == headline_metric(object_class)].dropna(subset="relative")
+    if rows.empty:
         return []
-    row = headlines.sort_values("relative").iloc[-1]
+    row = rows.sort_values("relative").iloc[-1]
     kinds = (
-        "detectors"
-        if len(headlines[list(axes)].drop_duplicates()) == 1
-        else "detectors and settings"
+        "detectors" if len(rows[list(axes)].drop_duplicates()) == 1 else "detectors and settings"
     )
     title = detector_label(axes, row.to_dict())
-    of_detector = (
-        f" of {title}, the most of {len(headlines)} {kinds}," if len(headlines) > 1 else ""
-    )
+    where = f" of {title}, the most of {len(rows)} {kinds}," if len(rows) > 1 else ""
     verdict = f"seeds alone make up to {row['by_chance']:.1f}"
     if np.isnan(row["by_chance"]):
         verdict = "one seed, so it is not known how much of it is chance"
     return [
-        f"{class_label(object_class)}: {metric_label(row['metric'], row['iou'])}{of_detector} "
+        f"{class_label(object_class)}: {metric_label(row['metric'], row['iou'])}{where} "
         f"varies by {row['spread']:.1f} points, {100 * row['relative']:.0f} % of its mean, "
         f"between {row['worst']} and {row['best']} ({verdict})."
     ]
@@ -99,16 +93,14 @@ def sensitivity(means: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
     columns = [*keys, "n", "best", "worst", "mean", "spread", "relative", "by_chance"]
     rows = []
     tested = means[means["seeds"] > 0]
-    for key, of_metric in tested.groupby(keys, dropna=False, sort=False):
-        if len(of_metric) < 2:
+    for key, part in tested.groupby(keys, dropna=False, sort=False):
+        if len(part) < 2:
             continue
-        values = of_metric.set_index("placement")["mean"]
+        values = part.set_index("placement")["mean"]
         spread, mean = float(values.max() - values.min()), float(values.mean())
         relative = spread / mean if mean > 0 else np.nan
         best, worst = values.idxmax(), values.idxmin()
-        rows.append(
-            (*key, len(of_metric), best, worst, mean, spread, relative, _by_chance(of_metric))
-        )
+        rows.append((*key, len(part), best, worst, mean, spread, relative, _by_chance(part)))
     return pd.DataFrame(rows, columns=columns)
 
 

@@ -15,7 +15,8 @@ from training.detectors.backbones.set_abstraction import GlobalAbstraction
 from training.detectors.heads.roi_box_coder import turned
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
 from training.detectors.layers import RowConv1d, RowConv2d, precise, row_layers
-from training.ops.roipoint_pool import roipoint_pool
+from training.ops.grouping import chunks, first_hits, group
+from training.ops.points_in_boxes import inside_boxes
 
 DEPTH_SCALE = 70.0  # a point's distance from the sensor enters as a share of this, metres
 
@@ -88,11 +89,34 @@ class PointRCNNHead(RoiHead):
         parts = (part.split(points.counts.tolist()) for part in (points.xyz, rows))
         frames = []
         for frame_rois, xyz, features in zip(rois, *parts, strict=True):
-            pooled, empty = roipoint_pool(xyz, features, frame_rois, self.points, self.margin)
+            pooled, empty = pool_points(xyz, features, frame_rois, self.points, self.margin)
             place = turned(pooled[..., :3] - frame_rois[:, None, :3], -frame_rois[:, 6])
             pooled = torch.cat([place, pooled[..., 3:]], dim=2)
             frames.append(pooled.masked_fill(empty[:, None, None], 0))
         return torch.cat(frames)
+
+
+def pool_points(
+    points: Tensor, features: Tensor, boxes: Tensor, samples: int, extra: float
+) -> tuple[Tensor, Tensor]:
+    """Pool the first S of the finite points (N, 3) of a frame, in their order, in each box (R, 7).
+
+    OpenPCDet's roipoint_pool: a box with fewer repeats them in their order; `extra` metres are
+    added to its sides before.
+
+    Returns coordinates and features, (R, S, 3 + C), zeros where there is no point; and which boxes
+    are empty, (R,) bool. Gradients flow to `features` (N, C).
+    """
+    large = boxes.detach().to(points).clone()
+    large[:, 3:6] += extra
+    idx = torch.zeros(len(boxes), samples, dtype=torch.int64, device=points.device)
+    counts = torch.zeros(len(boxes), dtype=torch.int64, device=points.device)
+    for part in chunks(len(boxes), len(points)):
+        idx[part], counts[part] = first_hits(inside_boxes(points.detach(), large[part]), samples)
+    turn = torch.arange(samples, device=points.device) % counts.clamp_min(1)[:, None]
+    idx, empty = idx.gather(1, turn), counts == 0
+    pooled = torch.cat([group(points, idx), group(features, idx)], dim=2)
+    return pooled.masked_fill(empty[:, None, None], 0), empty
 
 
 def _layers(channels: Sequence[int]) -> list[nn.Module]:
