@@ -1,8 +1,7 @@
 """The commands of the program `lidarplace`; packages add theirs as entry points.
 
 A verb's module is imported when the verb is called. Without lidarplace's packages, as
-`lidarplace doctor` has to run where some of them are missing.
-"""
+`lidarplace doctor` has to run where some of them are missing."""
 
 import ast
 import sys

@@ -33,8 +33,7 @@ def dashboard(
 ) -> None:
     """Start MLflow on this machine only, and print the address. Ctrl-C stops it.
 
-    For a folder, the address is the page of its sweep, otherwise that of the latest sweep.
-    """
+    For a folder, the address is the page of its sweep, otherwise that of the latest sweep."""
     uri = where
     try:
         uri, name = _tracking(where)

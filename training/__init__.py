@@ -54,8 +54,7 @@ def build_detector(
             `training.typical_objects`.
 
     Raises:
-        ValueError: unknown name, class or preset, no class or one named twice, an empty range.
-    """
+        ValueError: unknown name, class or preset, no class or one named twice, an empty range."""
     try:
         DETECTORS.check(name)
     except PydanticCustomError:

@@ -2,8 +2,7 @@
 
 The algorithm is that of the KITTI development kit as OpenPCDet runs it (`eval.py`: get_thresholds,
 compute_statistics): a first pass collects the scores at which recall grows and samples 41 of them,
-a second one counts hits and false alarms at each.
-"""
+a second one counts hits and false alarms at each."""
 
 from typing import NamedTuple
 
@@ -193,8 +192,7 @@ def precision_without_each(hits, matched, detected, truths, points):
     """Precision without each unit at the sampled scores of the others, 0 beyond; (units, points).
 
     Takes `UnitScores`, see `training.matches.Matches`, and the number of ground truths of the
-    others, (units,).
-    """
+    others, (units,)."""
     precision = np.zeros((len(truths), points))
     falling, unit_of = hits.values[::-1].copy(), hits.unit[::-1].copy()
     for unit in range(len(truths)):
@@ -209,8 +207,7 @@ def area_without_each(hits, matched, detected, truths):
     """Area under the precision over recall without each unit, shape (units,).
 
     Precision, made monotone from the right, counts at every hit, each a recall of one ground truth.
-    Arguments as of `precision_without_each`; 0 where none is left.
-    """
+    Arguments as of `precision_without_each`; 0 where none is left."""
     area = np.zeros(len(truths))
     for unit in range(len(truths)):
         lowest = hits.values[hits.unit != unit]
@@ -232,8 +229,7 @@ def precision_curve(
     """Compute precision over recall of one class.
 
     `overlaps` (P,) and `similarity` (P,) are of every pair, `scores` (D,), finite, of the
-    detections; a hit needs more than `minimum_overlap`.
-    """
+    detections; a hit needs more than `minimum_overlap`."""
     least, (truth_role, detection_role, _) = minimum_overlap, roles
     hits = _recall_pass(pairs.layout, overlaps, scores, truth_role, detection_role, least)
     hits = hits[~np.isnan(hits)]
@@ -255,8 +251,7 @@ def hit_scores(
 ) -> NDArray[np.float64]:
     """Score with which each ground truth counts for recall where all boxes count, NaN: missed.
 
-    Shape (G,). Arguments as of `precision_curve`.
-    """
+    Shape (G,). Arguments as of `precision_curve`."""
     truths, detections = (np.full(ends[-1], COUNTS, np.int8) for ends in pairs.layout[:2])
     hits = _recall_pass(pairs.layout, overlaps, scores, truths, detections, minimum_overlap)
     return np.asarray(hits)

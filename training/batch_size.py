@@ -18,8 +18,7 @@ def batch_size_for(model: Detector, frames: TrainingFrames, settings: TrainingSe
     """Choose the batch size of the settings; for "auto", 4 on a CPU.
 
     On a GPU "auto" is the largest power of two up to 16 that its memory holds: one step is tried on
-    the largest frames, with a copy of `model`. Networks may draw random numbers in it.
-    """
+    the largest frames, with a copy of `model`. Networks may draw random numbers in it."""
     if settings.batch_size != "auto":
         return settings.batch_size
     if model.device.type == "cpu":

@@ -32,8 +32,7 @@ def evaluate_by_distance(
     20.1 m is found. Arguments and errors as of `training.kitti_ap.evaluation`.
 
     Returns columns class, metric, iou, from_m, to_m (bounds of the ring), value (percent) and
-    ground_truths. Rings without objects of the class have no row.
-    """
+    ground_truths. Rings without objects of the class have no row."""
     tables = []
     for name in classes:
         truths = ground_truth[ground_truth["class"] == name]
@@ -77,8 +76,7 @@ def recall_by_sector(
 
     Returns columns class, metric ("recall", and "class_recall_3D" of single classes), iou, sector,
     its bounds from_deg and to_deg (`lidarplace.base.sectors.bounds_of`), value (percent) and
-    ground_truths. Sectors without objects of the class have no row.
-    """
+    ground_truths. Sectors without objects of the class have no row."""
     by_sector = objects[["class", "overlap", "found"]].assign(sector=sectors.sector_of(objects))
     rows = []
     for name, of_class in [*by_sector.groupby("class", sort=False), ("all", by_sector)]:

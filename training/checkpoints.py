@@ -50,8 +50,7 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
 
     Raises OSError if it cannot be read, and ValueError if it is not a checkpoint, or does not fit;
     names the entries that are missing, unexpected, of another shape or kind, or not finite. The
-    model is then left as it was.
-    """
+    model is then left as it was."""
     content, digest = read_checkpoint(path)
     with at(path):
         return LoadReport(_load(model, content, new_heads), digest)
@@ -122,8 +121,7 @@ def write_checkpoint(
     The file is a dict: "model_state", the state_dict; "detector", a name for `build_detector`;
     "classes", the names of the labels 1, 2, …; "typical", where there are any, the objects of
     which the anchors are that are not the preset's; and "domain", where it is known, what the
-    weights were trained on, see `training.pretrained.Domain`.
-    """
+    weights were trained on, see `training.pretrained.Domain`."""
     content: dict[str, object] = {"model_state": dict(model_state)}
     content |= {"detector": detector, "classes": list(classes)}
     if typical:
@@ -143,8 +141,7 @@ def write_tensors(path: Path, content: Any) -> None:
     """`torch.save` by way of memory; raises OSError if the file cannot be written.
 
     Where the disk is full, torch itself raises a RuntimeError that says nothing of the disk, or an
-    OSError, depending on which of its writes fails.
-    """
+    OSError, depending on which of its writes fails."""
     written = io.BytesIO()
     torch.save(content, written)
     path.write_bytes(written.getbuffer())
@@ -154,8 +151,7 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
     """Read the dict in a file, tensors on the CPU, and the SHA-256 of the file.
 
     Raises OSError: it cannot be read; DamagedCheckpoint: it is not what was written; ValueError: it
-    is not a dict of tensors and plain values.
-    """
+    is not a dict of tensors and plain values."""
     path = _OF_PACKAGE if path == PRETRAINED else path
     data = regular(path).read_bytes()
     _check_sums(path, data)
@@ -228,8 +224,7 @@ def _in_our_layout(
     """Turn the weights of sparse convolutions into our layout.
 
     All of a file have one layout, and only all of them together show which: that of one with as
-    many inputs as outputs does not show in its shape.
-    """
+    many inputs as outputs does not show in its shape."""
     sparse = [key for key, value in current.items() if value.ndim == 5]
     for axes in _LAYOUTS:
         moved = {key: loaded[key].permute(axes) for key in sparse if loaded[key].ndim == 5}

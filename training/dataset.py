@@ -37,8 +37,7 @@ class TrainingFrames:
             the same for every rig.
         objects: which of them the boxes of each frame are, shapes (M,).
 
-    Raises ValueError if `ground_truth` lacks a column or has a number that is not finite.
-    """
+    Raises ValueError if `ground_truth` lacks a column or has a number that is not finite."""
 
     def __init__(
         self,
@@ -102,8 +101,7 @@ def occurring_classes(
 ) -> tuple[str, ...]:
     """Select the classes that have an object in the frames that are trained on; all if none has.
 
-    A detector needs neither anchors nor heads for the others: it could not learn them.
-    """
+    A detector needs neither anchors nor heads for the others: it could not learn them."""
     numbers = clouds.frames[spread(len(clouds), share)]
     occurring = set(ground_truth.loc[ground_truth["frame"].isin(numbers), "class"])
     return tuple(name for name in classes if name in occurring) or tuple(classes)

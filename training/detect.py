@@ -44,8 +44,7 @@ def detect(
 ) -> Detections:
     """Detect objects in all frames of `clouds`.
 
-    Takes what `finetune` took and returned; `classes` are those of the network.
-    """
+    Takes what `finetune` took and returned; `classes` are those of the network."""
     model = build(detector, classes, point_range=point_range, typical=typical)
     model.load_state_dict(state_dict)
     if is_built_in(model):  # others may call layers one by one
@@ -89,8 +88,7 @@ def fold_batch_norm(model: nn.Module) -> None:
     """Fold batch norm into the 2D convolutions of sequences: convolution, batch norm, ReLU.
 
     In place, for good: the model then predicts what it did, up to rounding, and cannot be trained.
-    ReLUs write over what the convolutions gave them.
-    """
+    ReLUs write over what the convolutions gave them."""
     model.eval()
     for layers in model.modules():
         if not isinstance(layers, nn.Sequential):

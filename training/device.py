@@ -25,8 +25,7 @@ def settle_vector_math() -> None:
     MKL 2024, which torch's wheels hold, chooses the kernel of a function when it is first called.
     If several threads make that call together, one of them can compute its share by a kernel of
     low accuracy (errors to some 4,000 units in the last place): boxes of a process's first
-    prediction then were 0.1 mm off those of its second. See PyTorch's issue 188792.
-    """
+    prediction then were 0.1 mm off those of its second. See PyTorch's issue 188792."""
     for dtype in (torch.float32, torch.float64):
         one = torch.ones(1, dtype=dtype)
         for name in _FUNCTIONS:
@@ -49,8 +48,7 @@ def half_type(
     """Choose the 16-bit floats of networks on a device; None: 32-bit floats.
 
     bfloat16 where the hardware has it; on an older GPU float16, on an older CPU none, which is
-    logged. `wanted`: `mixed_precision` of the settings.
-    """
+    logged. `wanted`: `mixed_precision` of the settings."""
     if not wanted or (wanted != "everywhere" and (predicting or place.type == "cpu")):
         return None
     if place.type == "cpu":

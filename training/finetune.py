@@ -91,8 +91,7 @@ def finetune(
         ValueError: no frames, unknown detector or class, bad ground truth, a checkpoint that does
             not fit or has another digest, or a folder of another training.
         OSError: a checkpoint that cannot be read.
-        ArithmeticError: the loss or its gradient is no longer a finite number; names the frames.
-    """
+        ArithmeticError: the loss or its gradient is no longer a finite number; names the frames."""
     if len(clouds) == 0:
         raise InputError(key="clouds", expected="at least one frame", found="none")
     typical = _typical(classes, ground_truth, settings, context.typical)
@@ -178,8 +177,7 @@ def _train_epoch(
 ) -> dict[str, float]:
     """Train on all frames once; return the values of the curve.
 
-    All randomness follows from `seed`, which is the training's and the epoch.
-    """
+    All randomness follows from `seed`, which is the training's and the epoch."""
     start = time.perf_counter()
     model.train()
     parts: dict[str, list[Tensor]] = defaultdict(list)

@@ -35,8 +35,7 @@ class ObjectDatabase:
         """Gather the objects of `frames` that have `min_points` points or more.
 
         `classes` are the labels 1, 2, …; a frame is filled up to `sample_groups` objects of a
-        class; those of other classes are not gathered.
-        """
+        class; those of other classes are not gathered."""
         wanted = {1 + classes.index(n): k for n, k in sample_groups.items() if n in classes and k}
         none, no_box = np.zeros(0, np.int64), np.zeros((0, 7), np.float32)
         parts = [(np.zeros((0, 4), np.float32), none, no_box, none, none)]

@@ -88,8 +88,7 @@ def evaluate_boxes(
     truth is NaN, where KITTI's rule gives 0.
 
     Raises ValueError if a column is missing, a box or a score is not a finite number, or a yaw is
-    over two turns, as if it were in degrees.
-    """
+    over two turns, as if it were in degrees."""
     tables = {"ground truth": ground_truth, "detections": detections}
     if refined is not None:
         tables["refined boxes"] = refined.assign(**{"class": ""})
@@ -113,8 +112,7 @@ def evaluation(
     Arguments and errors as there, but any yaw, as a log may be accepted with it. `frames` are
     numbers, or a table with scene, frame and route: only with a table are metrics computed without
     each route, and the ground truth then needs columns scene and object_id. `metrics` are further
-    ones, of plug-ins.
-    """
+    ones, of plug-ins."""
     check_boxes(ground_truth, "ground truth")
     check_boxes(detections, "detections")
     check_columns(list(detections.columns), ["score"], "detections")
@@ -283,8 +281,7 @@ def found_objects(objects: pd.DataFrame, detections: pd.DataFrame, iou: float) -
     """Mark the objects that some detection overlaps in 3D by more than `iou`, each used once.
 
     Boxes of one class with `frame`, detections also with `score`; the mean of what is returned,
-    (objects,), is `class_recall_3D` of `evaluate_boxes`.
-    """
+    (objects,), is `class_recall_3D` of `evaluate_boxes`."""
     frames = np.unique(objects["frame"])
     truths, detected = rows_of(objects, frames), rows_of(detections, frames)
     pairs = pairs_of(truths, detected, frames)
@@ -340,8 +337,7 @@ def evaluate_detections(
     unknown alpha; and "recall" (3D, whatever the detection's class, difficulty "all"). No ground
     truth gives 0.
 
-    Raises ValueError: a column is missing, a number not finite, or a rotation_y over two turns.
-    """
+    Raises ValueError: a column is missing, a number not finite, or a rotation_y over two turns."""
     wanted = np.unique(frames if np.ndim(frames) else np.arange(int(np.asarray(frames))))
     truths = rows_of(kitti_labels.checked_labels(ground_truth, "ground truth", ()), wanted)
     detected = rows_of(kitti_labels.checked_labels(detections, "detections", ("score",)), wanted)

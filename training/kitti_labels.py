@@ -25,8 +25,7 @@ def checked_labels(table: pd.DataFrame, source: str, more: tuple[str, ...]) -> p
     """Return the table with classes in lower case; ValueError if a column is missing.
 
     Also if a rotation_y is over two turns, a number of `more` is not finite, or one of another
-    column but for `DontCare`.
-    """
+    column but for `DontCare`."""
     check_columns(list(table.columns), ("frame", *LABEL_COLUMNS, *more), source)
     table = table.assign(**{"class": table["class"].str.lower()})
     of_label = table[["frame", *(name for name in LABEL_COLUMNS if name != "class")]]
@@ -41,8 +40,7 @@ def checked_labels(table: pd.DataFrame, source: str, more: tuple[str, ...]) -> p
 def boxes_z_up(labels: pd.DataFrame) -> NDArray[np.float64]:
     """Boxes (N, 7) in the camera's place with x forward, y left, z up; (0, …, 0) for DontCare.
 
-    Camera frame: x right, y down, z forward, origin of a box at the centre of its bottom.
-    """
+    Camera frame: x right, y down, z forward, origin of a box at the centre of its bottom."""
     columns = ("x", "y", "z", "length", "width", "height", "rotation_y")
     x, y, z, length, width, height, yaw = labels[list(columns)].to_numpy(np.float64).T
     sides = [length, width, height, -yaw - 0.5 * np.pi]
@@ -103,8 +101,7 @@ def ground_truth_role(
 ) -> NDArray[np.int8]:
     """Role of every label for class `name` at `level` in DIFFICULTIES, shape (G,), int8.
 
-    COUNTS, IGNORED or OTHER; with `min_height` low labels are ignored.
-    """
+    COUNTS, IGNORED or OTHER; with `min_height` low labels are ignored."""
     height = truths["bottom"].to_numpy(np.float64) - truths["top"].to_numpy(np.float64)
     hard = truths["occluded"].to_numpy(np.float64) > _MAX_OCCLUSION[level]
     hard |= truths["truncated"].to_numpy(np.float64) > _MAX_TRUNCATION[level]

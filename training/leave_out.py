@@ -6,8 +6,7 @@ number (`tracking.statistics.jackknife`).
 AP_R40 moves in steps of 2.5 points of recall, and the jackknife of what is not smooth is
 inconsistent (of the median: Efron 1979; in general: Shao and Wu 1989). So AP without a route or an
 individual is the area under precision over recall at every hit, which AP_R40 samples; the area of
-all test frames is there too, to compare with. Halves of the test frames have AP_R40.
-"""
+all test frames is there too, to compare with. Halves of the test frames have AP_R40."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -63,8 +62,7 @@ def units_of(
     the mean over boxes: what is taken for an object may stay as long.
 
     `truths` have scene, object_id and frame, `routes` scene, frame and route of all frames;
-    `nearest` (D,) is the row of `truths` that a detection overlaps most, -1 for none.
-    """
+    `nearest` (D,) is the row of `truths` that a detection overlaps most, -1 for none."""
     route, names, of_routes = _numbered(routes, ["scene", "route"])
     frame = routes["frame"].to_numpy(np.int64)
     of_frame = pd.Series(route, frame)
@@ -117,8 +115,7 @@ def ap_without_each(
 ) -> list[pd.DataFrame]:
     """AP and recall of a class at `ious` without each of `units_of`; but for halves AP is an area.
 
-    `matches`: by view, "3D" or "BEV", and IoU: of `ious`, and in 3D of `MEAN_AP_IOU`.
-    """
+    `matches`: by view, "3D" or "BEV", and IoU: of `ious`, and in 3D of `MEAN_AP_IOU`."""
     tables = []
     for units in either:
         of_each = (units.truth, units.detection, len(units.names))
@@ -139,8 +136,7 @@ def means_without_each(
 ) -> list[pd.DataFrame]:
     """Metrics that are means over ground truths, in percent, without each unit; NaN: none is left.
 
-    Each metric has a name, an IoU and the values, shape (G,), of which it is a mean.
-    """
+    Each metric has a name, an IoU and the values, shape (G,), of which it is a mean."""
     tables = []
     for (metric, iou, of_truth), units in product(metrics, either):
         size = len(units.names)
@@ -157,8 +153,7 @@ def _numbered(
     """Number the units with these keys, in their order; more than `MOST_UNITS` are grouped.
 
     Number of each row, names of the numbers, and how many units of equal size each number has:
-    (Σn)² / Σn² over units of n rows.
-    """
+    (Σn)² / Σn² over units of n rows."""
     number = np.asarray(table.groupby(keys, sort=True).ngroup(), np.int64)
     first = table[keys].assign(number=number).drop_duplicates("number").sort_values("number")
     names = tuple(" ".join(map(str, row)) for row in first[keys].to_numpy().tolist())

@@ -4,8 +4,7 @@ AP where every box counts needs of the second pass of KITTI's evaluation only ho
 are matched at a score, and how many detections there are. A ground truth that is matched at some
 score stays matched at lower ones, whatever takes it: further detections only add to the choice of
 each. So two scores of every ground truth replace the overlaps, and leaving objects or frames out
-takes no new matching.
-"""
+takes no new matching."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -70,8 +69,7 @@ class Matches:
         """AP_R40 in percent without each unit, shape (units,); NaN where no ground truth is left.
 
         Exact where a unit has whole frames; else as if the detections that stay were matched as
-        they were. Units of ground truths (G,) and detections (D,) are numbers, -1: of none.
-        """
+        they were. Units of ground truths (G,) and detections (D,) are numbers, -1: of none."""
         left = len(truth_unit) - by_unit(truth_unit, units)
         scores = self._by_unit(truth_unit, detection_unit, units)
         sampled = precision_without_each(*scores, left, RECALL_POINTS)
@@ -82,8 +80,7 @@ class Matches:
     ) -> NDArray[np.float64]:
         """`ap_without_each` as the area under the precision at every hit, not at 41 recall points.
 
-        It moves with every hit, where AP_R40 moves by whole points of recall.
-        """
+        It moves with every hit, where AP_R40 moves by whole points of recall."""
         left = len(truth_unit) - by_unit(truth_unit, units)
         area = area_without_each(*self._by_unit(truth_unit, detection_unit, units), left)
         return np.where(left > 0, 100 * area, np.nan)

@@ -22,8 +22,7 @@ class OneCycle:
     """Learning rate up and down, momentum down and up, both along cosines.
 
     As fastai and OpenPCDet (`adam_onecycle`): from lr / div_factor to lr during the first
-    `pct_start` of the steps, then to lr / div_factor / 10,000.
-    """
+    `pct_start` of the steps, then to lr / div_factor / 10,000."""
 
     settings: TrainingSettings
     steps: int
@@ -47,8 +46,7 @@ def _cosine(start: float, end: float, part: float) -> float:
 class Optimisation:
     """An optimiser with its schedule of `steps`, and 16-bit floats, see `half_type`.
 
-    The small gradients of float16 need a scaled loss.
-    """
+    The small gradients of float16 need a scaled loss."""
 
     def __init__(self, model: Detector, settings: TrainingSettings, steps: int) -> None:
         self._model = model

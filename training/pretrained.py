@@ -50,8 +50,7 @@ class Domain:
         """Describe the first difference, such as "9 LiDARs; expected 1 to 8"; None: no difference.
 
         Of a rig, whose LiDARs have as many azimuth steps as their clouds are simulated with, the
-        lowest and the highest corner of its ROI, ego frame, metres, and the classes that count.
-        """
+        lowest and the highest corner of its ROI, ego frame, metres, and the classes that count."""
         rig = domain_of([placement], crop, classes)
         for name in rig.classes:
             if name not in self.classes:
@@ -124,8 +123,7 @@ def read_generalist(path: Path = PRETRAINED) -> Generalist:
     """Read what `lidarplace pretrain` wrote; by default the generalist of the package.
 
     Raises OSError if the file cannot be read, InputError or ValueError if it is no checkpoint, or
-    does not say what it was trained on.
-    """
+    does not say what it was trained on."""
     content, digest = read_checkpoint(path)
     try:
         domain = _DOMAIN.validate_python(content["domain"])
@@ -168,8 +166,7 @@ def evaluate_rig(
 
     Raises OSError if log or weights cannot be read; InputError or ValueError if they are not what
     they should be, no frame is of the split, or rig, ROI or a class are outside of what the
-    generalist was trained on.
-    """
+    generalist was trained on."""
     generalist = read_generalist(Path(weights))
     crop = crop_for(roi.x, roi.y, roi.z, placement)
     outside = generalist.domain.outside(placement, crop, classes)

@@ -20,8 +20,7 @@ def stream(purpose: Purpose, *key: int) -> np.random.SeedSequence:
 
     Streams of different purposes or keys are independent (NumPy's SeedSequence). So what one of
     them draws, and how much, changes nothing in the others: under every rig the same frame of the
-    same epoch is mirrored, turned and scaled alike, though the rigs' points differ in number.
-    """
+    same epoch is mirrored, turned and scaled alike, though the rigs' points differ in number."""
     return np.random.SeedSequence(key, spawn_key=(purpose,))
 
 

@@ -1,8 +1,7 @@
 """Checkpoints of a running training, which resumes after the last epoch.
 
 The randomness of an epoch follows from the seed and the epoch's number, so weights, optimiser and
-what was logged are all that has to be kept.
-"""
+what was logged are all that has to be kept."""
 
 import hashlib
 import logging
@@ -40,8 +39,7 @@ class TrainingFolder:
     """Keeps `last.pt` of one training, all that is needed to go on.
 
     No best epoch is kept: there is no validation set to choose it by, and the training loss does
-    not show overfitting.
-    """
+    not show overfitting."""
 
     folder: Path | None  # is made when there is something to keep; None keeps nothing
     fingerprint: str  # of the training, see `fingerprint`
@@ -49,8 +47,7 @@ class TrainingFolder:
     def load(self) -> TrainingState | None:
         """Read the state of the training; None if it has not begun, or the file is damaged.
 
-        Raises ValueError if it is of another training.
-        """
+        Raises ValueError if it is of another training."""
         if self.folder is None or not (path := self.folder / LAST).exists():
             return None
         try:
@@ -80,8 +77,7 @@ def fingerprint(settings: Mapping[str, Any], clouds: Clouds, ground_truth: pd.Da
     """Hash of what a training depends on: the `repr` of the settings, clouds and objects.
 
     Clouds count by their frame numbers, their numbers of points and the sizes of their packed
-    frames, not by every point.
-    """
+    frames, not by every point."""
     digest = hashlib.sha256(repr(sorted(settings.items())).encode())
     for part in clouds.parts if isinstance(clouds, JoinedClouds) else [clouds]:
         for array in (part.frames, part.counts, part.offsets):

@@ -40,8 +40,7 @@ def typical_objects(boxes: pd.DataFrame, classes: Iterable[str]) -> tuple[Typica
     width, height, ego frame; those with the same `object_id` and `scene`, as far as there are such
     columns, are of one individual.
 
-    Raises ValueError if there is no box of a class, or its boxes have no size.
-    """
+    Raises ValueError if there is no box of a class, or its boxes have no size."""
     objects = []
     keys = [name for name in ("scene", "object_id") if name in boxes.columns]
     for name in classes:

@@ -4,8 +4,7 @@ The version of a module is a hash of its syntax tree and of those of all modules
 of plug-ins that it imports, directly or through others, also within functions. Comments,
 docstrings, annotations of functions and descriptions of pydantic's fields do not count. A name that
 a package passes on from one of its modules leads to that module alone. Versions of other packages
-do not count.
-"""
+do not count."""
 
 import ast
 import hashlib
@@ -55,8 +54,7 @@ def forget_versions() -> None:
 def place_of(package: str) -> Path:
     """Return the folder of a package, or the file of a module without one.
 
-    Raises InputError: there is no source.
-    """
+    Raises InputError: there is no source."""
     spec = find_spec(package)
     places = [] if spec is None else [*(spec.submodule_search_locations or ()), spec.origin or ""]
     if not places or not Path(places[0]).exists():
@@ -67,8 +65,7 @@ def place_of(package: str) -> Path:
 class Sources:
     """The source files of packages, each read once.
 
-    `packages`: name -> folder, or the file of a module without one.
-    """
+    `packages`: name -> folder, or the file of a module without one."""
 
     def __init__(self, packages: Mapping[str, Path]) -> None:
         self._packages = dict(packages)
@@ -79,8 +76,7 @@ class Sources:
 
         Where a module imports another by a name put together at run time, every module that it can
         be counts, unless one of `modules` says which. Raises InputError: a module does not exist,
-        or imports in a way that cannot be followed.
-        """
+        or imports in a way that cannot be followed."""
         digests: dict[str, str] = {}
         queue: list[str] = []
         for module in modules:
@@ -139,8 +135,7 @@ class _Source:
 
     `digest`: hash of its syntax tree. `passed_on`: names that it imports at its top level.
     `prefixes`: packages, each with a dot at its end, of which it imports modules by names that are
-    put together at run time.
-    """
+    put together at run time."""
 
     digest: str
     imports: frozenset[_Import]
@@ -163,8 +158,7 @@ def _parse(file: str, package: str, content: bytes) -> _Source:
 class _Reader:
     """Writes syntax trees without what cannot change a result, and notes what they import.
 
-    The text is the same in all versions of Python.
-    """
+    The text is the same in all versions of Python."""
 
     def __init__(self, file: str, package: str) -> None:
         self.imports, self.prefixes = set[_Import](), set[str]()

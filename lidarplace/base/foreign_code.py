@@ -47,8 +47,7 @@ def foreign_code(name: str, passed: tuple[type[Exception], ...] = ()) -> Iterato
     """Guard a block that calls the plug-in `name`, from which exceptions in `passed` may come.
 
     Raises InputError at `name`: the block raised another exception, or called `sys.exit`; it closed
-    standard output or error; it turned warnings into errors for the whole process.
-    """
+    standard output or error; it turned warnings into errors for the whole process."""
     closed, strict = _closed_streams(), _strict_filters()
     cause: BaseException | None = None
     problem = ""

@@ -29,8 +29,7 @@ class Metric:
         ranks: whether reports, rungs of `promote` and searches compare placements by it.
         headline: whether headlines report it for a class; with `of_all`, of all objects.
         of_one_iou: whether it is measured at single IoUs; else tables have `EVERY_IOU`.
-        of_matches: computes it from `training.matches.Matches`; None for ours.
-    """
+        of_matches: computes it from `training.matches.Matches`; None for ours."""
 
     label: Annotated[str, Field(min_length=1)]
     short: str

@@ -32,8 +32,7 @@ def plugin_folder(folder: Path) -> Iterator[None]:
 
     In nested blocks the inner folder comes first. Modules from the folders of other configurations
     are set aside until these are active again: each configuration has its own modules of the same
-    name. After the block `sys.path` is as before; the modules stay imported, as they are in use.
-    """
+    name. After the block `sys.path` is as before; the modules stay imported, as they are in use."""
     _blocks.append(folder.resolve())
     try:
         _activate(tuple(reversed(_blocks)))

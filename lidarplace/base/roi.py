@@ -38,8 +38,7 @@ class Roi:
 
     Raises:
         ValueError: an interval is no pair of numbers, empty, not finite, or no multiple of the
-            resolution.
-    """
+            resolution."""
 
     x: Interval
     y: Interval

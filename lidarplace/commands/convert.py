@@ -218,8 +218,7 @@ def table(
     """Your own tables, with the columns of box logs, or with any others and a mapping.
 
     Columns: frame, class, x, y, z, length, width, height, yaw; metres and radians, ego frame. For
-    other columns --propose writes a mapping to correct.
-    """
+    other columns --propose writes a mapping to correct."""
     if propose is not None:
         others = (out, frames, mapping, preview, options.rig, options.clouds)
         if options.class_map != PAPER or any(other is not None for other in others):

@@ -44,8 +44,7 @@ def convert_log(
     `read` counts the boxes left out by category. `origin` is that of the clouds, see
     `count_real_points`; if they are not stored, invalid ones are a warning. `check` returns
     warnings of implausible values, or raises InputError; None: `check_log`. An error of the input
-    ends the program with exit code 2.
-    """
+    ends the program with exit code 2."""
     ignored: Counter[str] = Counter()
     notes: list[str] = []
     with checked_input():

@@ -60,8 +60,7 @@ def main(
 ) -> None:
     """Print frames and objects per frame of box logs.
 
-    Counts objects with their centre in the paper's region of interest, and in its front half.
-    """
+    Counts objects with their centre in the paper's region of interest, and in its front half."""
     with checked_input():
         box_logs = {str(folder): read_box_log(folder) for folder in logs}
     if as_json:

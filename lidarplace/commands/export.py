@@ -79,8 +79,7 @@ def export(
 ) -> None:
     """Write KITTI's object layout, as OpenPCDet reads it, or FILE.mcap.
 
-    An MCAP file is a recording that Foxglove plays: clouds, boxes, mounts.
-    """
+    An MCAP file is a recording that Foxglove plays: clouds, boxes, mounts."""
     counts: Counter[str] = Counter()
     played = out.suffix == ".mcap"
     with checked_input():

@@ -90,8 +90,7 @@ def rig(
 ) -> None:
     """Read a rig from another tool's file, or write one; SOURCE or OUT is a YAML file of `mounts`.
 
-    Prints the mounts in our ego frame: metres, degrees.
-    """
+    Prints the mounts in our ego frame: metres, degrees."""
     with checked_input():
         reads = out.suffix in OWN
         if reads == (source.suffix in OWN):

@@ -48,8 +48,7 @@ def main(
     """List the LiDARs for `lidar: NAME` and `Lidar.named`, at 10 frames per second.
 
     Angles in degrees, ranges in metres: the farthest, those at reflectivities of 10 % and 80 %, the
-    nearest, and the standard deviation. A dash means unknown.
-    """
+    nearest, and the standard deviation. A dash means unknown."""
     with checked_input():
         sheets = [datasheet(name) for name in names or catalogue()]
     if as_json:

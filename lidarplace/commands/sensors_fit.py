@@ -67,8 +67,7 @@ def fit(
     """Fit elevations, laser offsets, azimuth steps and range noise to clouds of a LiDAR.
 
     Clouds have a column ring, or KITTI's order. They are in the frame of their LiDAR, or in that of
-    the vehicle, with --rig or --mount.
-    """
+    the vehicle, with --rig or --mount."""
     with checked_input():
         sheet = None if like is None else datasheet(like)
         if sheet is not None and sheet.rosette is not None:

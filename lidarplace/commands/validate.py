@@ -52,8 +52,7 @@ def main(
     The log needs the real points of each box and the rig that recorded them: `convert` keeps both.
     A static world (`convert --world`) stops simulated rays. Writes validation.html, which first
     answers whether to trust the simulator for this vehicle; its tables as Parquet; and
-    correction.yaml for `lidar: {correction: …}`.
-    """
+    correction.yaml for `lidar: {correction: …}`."""
     from lidarplace.validation.decision import decide
     from lidarplace.validation.page import write_page
     from lidarplace.validation.validation import validate

@@ -124,8 +124,7 @@ class CorrectionFile(Settings):
 
         See `Lidar.corrected`.
 
-        Raises ValueError: there is no such unit, or its beams are not those of `lidar`.
-        """
+        Raises ValueError: there is no such unit, or its beams are not those of `lidar`."""
         if unit is not None and unit not in self.lidars:
             names = ", ".join(self.lidars) or "none: it holds for all LiDARs"
             wrong = f"no LiDAR model {unit!r}{did_you_mean(unit, self.lidars)}"
@@ -163,8 +162,7 @@ def is_file(source: str) -> bool:
 def read_correction(source: str | Path) -> CorrectionFile:
     """Read the correction in a YAML file, again when it was changed, or a packaged one by name.
 
-    Raises ValueError: there is none of that name, the file cannot be read, or a value is wrong.
-    """
+    Raises ValueError: there is none of that name, the file cannot be read, or a value is wrong."""
     name = str(source)
     if not is_file(name):
         return _packaged(name)

@@ -71,8 +71,7 @@ class PlacementSettings(Settings):
 class SweptPlacementSettings(PlacementSettings):
     """A placement of a sweep; only sweeps allow dead LiDARs.
 
-    In place of coordinates it may name LiDARs of the rig that recorded the scene's log.
-    """
+    In place of coordinates it may name LiDARs of the rig that recorded the scene's log."""
 
     mounts: tuple[MountSettings, ...] = Field(
         (), max_length=MOST_MOUNTS, description="a LiDAR each"
@@ -127,8 +126,7 @@ def named_placement(name: str, lidar: Lidar) -> Placement:
 def read_placement(path: Path, lidar: Lidar) -> Placement:
     """Read the keys of `PlacementSettings`; the placement has the name of the file.
 
-    Raises OSError: the file cannot be read; ValueError: it is not such a list.
-    """
+    Raises OSError: the file cannot be read; ValueError: it is not such a list."""
     settings = read_placement_settings(path)
     with at(path):
         return settings.placement(path.stem, lidar)

@@ -33,8 +33,7 @@ def coverage(placement: Placement, roi: Roi, method: Method = "cone") -> NDArray
 
     `method` is `cone`, exact and without azimuth sampling; `dda`, exact traversal of the rays of
     all azimuth steps; or `bresenham`, the paper's integer lines along the same rays. Raises
-    ValueError for another one.
-    """
+    ValueError for another one."""
     return unpack(covered_bits(placement, roi, method, Tiles.whole(roi.shape)), roi.shape[2])
 
 

@@ -79,8 +79,7 @@ def log_miss(
     `ray_weight` times.
 
     `counts`, shape (nx, ny, nz), are the frames, of `frames`, in which each voxel is occupied: from
-    integers 1 - p is as exact as p. `detection_probability` is q, in (0, 1].
-    """
+    integers 1 - p is as exact as p. `detection_probability` is q, in (0, 1]."""
     layers = np.ascontiguousarray(counts.transpose(2, 0, 1)).reshape(-1)
     result = _in_layers(roi, np.float64)
     for voxels, offsets in _chunks(thinned(placement, azimuth_stride), roi, method):

@@ -32,8 +32,7 @@ class MountedSensors(NamedTuple):
         mounts: poses of the LiDARs.
         lidars: models of the LiDARs, one a mount.
         further: cameras and radars.
-        dead: LiDARs that see nothing and hide what is behind them.
-    """
+        dead: LiDARs that see nothing and hide what is behind them."""
 
     mounts: Sequence[Mount]
     lidars: Sequence[Lidar]
@@ -60,8 +59,7 @@ class Limits:
         distance: least distance between two LiDARs, metres; with 0 they must differ.
         body_share: largest share of a LiDAR's rays that may meet the vehicle or another LiDAR.
         common_view: what pairs of sensors must see in common.
-        facing: largest number of pairs of LiDARs that may look into each other.
-    """
+        facing: largest number of pairs of LiDARs that may look into each other."""
 
     zones: Sequence[Zone] = ()
     body: Vehicle | None = None
@@ -95,8 +93,7 @@ class Violation:
         lidars: numbers of the LiDARs concerned, from 0; in a common view cameras and radars follow
             them, then sensors that are missing.
         value: measured value, in metres, a share, or a number of pairs.
-        excess: how far the value is beyond the bound, in the same unit.
-    """
+        excess: how far the value is beyond the bound, in the same unit."""
 
     limit: str
     lidars: tuple[int, ...]

@@ -2,8 +2,7 @@
 
 The tree is a complete binary tree over the triangles in Morton order (Lauterbach and others 2009,
 *Fast BVH Construction on GPUs*), numbered like a heap: node n has the children 2 n and 2 n + 1, so
-it needs neither pointers nor a stack.
-"""
+it needs neither pointers nor a stack."""
 
 from __future__ import annotations
 
@@ -32,8 +31,7 @@ class Tree(NamedTuple):
         bounds: lower and upper corner of what each node holds, shape (nodes + 1, 6), metres; the
             root is number 1.
         dipoles: of each node the sum of its area vectors, their middle and the radius around it
-            that holds its triangles, shape (nodes + 1, 7).
-    """
+            that holds its triangles, shape (nodes + 1, 7)."""
 
     triangles: NDArray[np.float64]
     bounds: NDArray[np.float64]
@@ -53,8 +51,7 @@ class Mesh:
 
     Raises:
         ValueError: no triangle has an area, a coordinate is not finite, or a face has a vertex that
-            is not there.
-    """
+            is not there."""
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int32]

@@ -58,8 +58,7 @@ def read_mesh(
     Raises:
         OSError: the file cannot be read.
         ValueError: it is no mesh, has too many triangles, or cannot be meant; names the file.
-        ModuleNotFoundError: trimesh is not installed.
-    """
+        ModuleNotFoundError: trimesh is not installed."""
     import trimesh
 
     with regular(path).open("rb"):  # trimesh says of what it cannot open that it is no known format

@@ -1,8 +1,7 @@
 """Simple polygons in a plane, down to segments and points: sections, halves, nearest points.
 
 A polygon is a tuple of vertices, (x, y) in metres; its boundary belongs to it. Vertices lie on a
-grid of a nanometre, so that what is meant to coincide does.
-"""
+grid of a nanometre, so that what is meant to coincide does."""
 
 from __future__ import annotations
 

@@ -31,8 +31,7 @@ class Vehicle:
 
     Raises:
         ValueError: another shape, a coordinate that is not finite, or a lower corner above the
-            upper one.
-    """
+            upper one."""
 
     name: str
     boxes: NDArray[np.float64]

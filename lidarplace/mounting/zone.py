@@ -34,8 +34,7 @@ class Zone:
 
     Raises:
         ValueError: no vertex, edges that cross or touch, heights the wrong way round, or a
-            coordinate that is not finite.
-    """
+            coordinate that is not finite."""
 
     name: str
     polygon: Polygon

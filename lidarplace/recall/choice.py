@@ -33,8 +33,7 @@ class RecallChoice(SubmodularChoice):
         model: the objects and their curves.
         seen: what each candidate hits, from `model.objects.seen_by`.
         weights: weight of each class of `model`, finite and not negative; without one it does not
-            count.
-    """
+            count."""
 
     model: ExpectedRecall
     seen: Sequence[SurfaceCells]

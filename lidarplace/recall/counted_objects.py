@@ -74,8 +74,7 @@ class CountedObjects:
             the log's boxes.
         cell: edge of a cell of their surfaces, metres.
         azimuth_share: share of the azimuth steps of a LiDAR that are cast.
-        vehicle: carries the LiDARs; None: a sedan.
-    """
+        vehicle: carries the LiDARs; None: a sedan."""
 
     table: pd.DataFrame
     cell: float
@@ -110,8 +109,7 @@ class CountedObjects:
             azimuth_share: share of the azimuth steps, as of the clouds that a detector gets, in (0,
                 1].
             seed: of the shapes of the objects, and of the returns that are lost.
-            vehicle: carries the LiDARs; None: a sedan.
-        """
+            vehicle: carries the LiDARs; None: a sedan."""
         if frames is not None and frames < 1:
             raise InputError(key="frames", expected="at least 1", found=frames)
         if not 0 < azimuth_share <= 1:

@@ -83,8 +83,7 @@ def fit(object_class: str, iou: float, cells: ArrayLike, found: ArrayLike) -> De
 
     `cells` are distinct cells hit of each object under each rig, shape (n,), n > 0; `found` whether
     it was found, or the share of several detectors that did, in [0, 1], shape (n,). Shares count as
-    so many yes and no. Where nothing was found, or all, `most` is within 1e-5 of 0 or 1.
-    """
+    so many yes and no. Where nothing was found, or all, `most` is within 1e-5 of 0 or 1."""
     from scipy.optimize import minimize
 
     seen, share = np.asarray(cells, np.float64), np.asarray(found, np.float64)

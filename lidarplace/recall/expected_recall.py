@@ -1,7 +1,6 @@
 """`expected_recall`: the mean probability that an object is found, from boxes alone.
 
-`1/n sum over objects b of p(cells of b that the rig hits)`, p a detection curve.
-"""
+`1/n sum over objects b of p(cells of b that the rig hits)`, p a detection curve."""
 
 from __future__ import annotations
 
@@ -31,8 +30,7 @@ class ExpectedRecall:
     Attributes:
         objects: the objects.
         classes: classes that are asked for, also those of which there is no object.
-        most, rate: of the detection curve of every object, float64, shape (objects,).
-    """
+        most, rate: of the detection curve of every object, float64, shape (objects,)."""
 
     objects: CountedObjects
     classes: tuple[str, ...]
@@ -58,8 +56,7 @@ class ExpectedRecall:
         `curves` are detection curves, those of the package by default; `iou` is the overlap that a
         detection must exceed: there is a curve for it and each class. The other arguments are those
         of `CountedObjects.from_log`. Some of the frames will do, as an object in neighbouring ones
-        carries little information.
-        """
+        carries little information."""
         curves = default_curves() if curves is None else curves
         of_class = {name: curves.of(name, iou) for name in classes}
         subject = log, roi, classes, curves.cell

@@ -53,8 +53,7 @@ class SurfaceCells:
     Attributes:
         offsets: int64, shape (objects + 1,).
         cells: numbers of cells within their object, ascending and each once, uint32.
-        points: returns from every object, int64, shape (objects,).
-    """
+        points: returns from every object, int64, shape (objects,)."""
 
     offsets: NDArray[np.int64]
     cells: NDArray[np.uint32]
@@ -91,8 +90,7 @@ class ObjectFrames(NamedTuple):
         slices: see `slices_of`.
         worlds: of the scenes of the frames.
         scene: of each frame in them, -1 where its log has no world, shape (frames,), int64.
-        turn, shift: from the ego frame to that of the world, (frames, 3, 3) and (frames, 3).
-    """
+        turn, shift: from the ego frame to that of the world, (frames, 3, 3) and (frames, 3)."""
 
     parts: NDArray[np.float64]
     owner: NDArray[np.int32]
@@ -116,8 +114,7 @@ class Loss(NamedTuple):
         factors: of `Correction` for every object, shape (objects,).
         keys: of every frame for `lidarplace.clouds.hashed`, uint64, shape (frames, 3); no rows:
             none is lost.
-        first: number of the first ray, for the random numbers of rays.
-    """
+        first: number of the first ray, for the random numbers of rays."""
 
     drop_off: float
     factors: NDArray[np.float64]

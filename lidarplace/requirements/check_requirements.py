@@ -1,8 +1,7 @@
 """Check of requirements under a rig: met if enough positions of an object have enough.
 
 Each position counts in its worst heading, as the rig is built and in every further case that a
-requirement names.
-"""
+requirement names."""
 
 import itertools
 import math

@@ -28,8 +28,7 @@ _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 class Mount:
     """Pose of one LiDAR in the ego frame: metres and radians, `R = Rz(yaw) Ry(pitch) Rx(roll)`.
 
-    Raises ValueError: a number is not finite, or an angle is more than a turn, as if in degrees.
-    """
+    Raises ValueError: a number is not finite, or an angle is more than a turn, as if in degrees."""
 
     x: float = 0.0
     y: float = 0.0
@@ -90,8 +89,7 @@ class Placement(Plottable):
 
     Raises:
         ValueError: there is no mount, two LiDARs sit in one place, or there are not as many models
-            as mounts.
-    """
+            as mounts."""
 
     name: str
     mounts: Sequence[Mount]

@@ -19,8 +19,7 @@ class RecordedRig:
     """LiDARs by name, as they were when a log was recorded. JSON holds it as `asdict` does.
 
     Raises ValueError: there is not one name for each mount, two names are equal or one is empty, or
-    a LiDAR fires a pattern of rays, which no file holds.
-    """
+    a LiDAR fires a pattern of rays, which no file holds."""
 
     names: tuple[str, ...]  # in the order of the mounts, such as ("up_lidar", "down_lidar")
     placement: Placement

@@ -22,8 +22,7 @@ def init(
     """Write example files: sweeps, searches, requirements, labels, the paper's experiment.
 
     The README and the help of other commands refer to these examples. Existing files are kept
-    unless you confirm.
-    """
+    unless you confirm."""
     with checked_input():
         for name, text in examples().items():
             path = folder / name

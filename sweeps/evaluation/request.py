@@ -60,8 +60,7 @@ class EvaluationRequest:
         paths: of the files, by rig.
         geometry: placements of rigs whose LiDARs are known.
         notes: number of objects and detections that count, a sentence each.
-        cautions: possible faults of the detections, a sentence each.
-    """
+        cautions: possible faults of the detections, a sentence each."""
 
     test: TestFrames
     rigs: Mapping[str, Sequence[pd.DataFrame]]

@@ -72,8 +72,7 @@ def write_evaluation(
 ) -> tuple[Analysis, FailureFrames | None]:
     """Write all that reports read; return the analysis of the folder and the frames to show.
 
-    The evaluator is "generalist" if one network made all detections.
-    """
+    The evaluator is "generalist" if one network made all detections."""
     test = request.test
     folder.mkdir(parents=True, exist_ok=True)
     trials = _trials(results)

@@ -32,8 +32,7 @@ class TestFrames:
     Attributes:
         classes: of the objects.
         roi: that they are in.
-        description: a sentence on them.
-    """
+        description: a sentence on them."""
 
     __test__ = False  # of pytest, which takes the name for one of its own
 
@@ -91,8 +90,7 @@ class TestFrames:
         """Return the detections that are right or wrong about an object that counts.
 
         A detection that overlaps most an object that does not count, seen from above, is neither a
-        hit nor a false alarm; nor is one that overlaps none with its centre outside the ROI.
-        """
+        hit nor a false alarm; nor is one that overlaps none with its centre outside the ROI."""
         low, high = np.transpose([self.roi.x, self.roi.y, self.roi.z])
         parts = [detections.iloc[:0]]
         numbers = np.sort(self.log.frames["frame"].to_numpy(np.int64))

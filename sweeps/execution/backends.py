@@ -47,8 +47,7 @@ class Later(Generic[T]):
     def result(self) -> T:
         """Return the result of the call once it has ended, or raise its error.
 
-        Raises WorkerDied: there is no result; BackendLost: no call can end any more.
-        """
+        Raises WorkerDied: there is no result; BackendLost: no call can end any more."""
         return self.function(*self.arguments)
 
 
@@ -59,8 +58,7 @@ class InProcess:
         gpus_per_training: share of a GPU that a training gets.
         slots: calls to hand out at once.
         room: resources that trainings share.
-        cores: calls that run at once.
-    """
+        cores: calls that run at once."""
 
     slots = cores = 1
     room = Room()
@@ -98,8 +96,7 @@ class OnRay:
     """Backend that runs calls as Ray tasks; attributes as of `InProcess`.
 
     Ray retries calls that a dying machine ran, and machines may come and go. `start` returns Ray,
-    initialised, when machines are first needed.
-    """
+    initialised, when machines are first needed."""
 
     def __init__(self, start: Callable[[], Any], settings: RaySettings) -> None:
         self._start = start
@@ -193,8 +190,7 @@ Job = Later[T] | RayJob[T]
 def backend_for(settings: RaySettings) -> Iterator[Backend]:
     """Return the backend that `ray:` names, shut down at the end with all calls that still run.
 
-    Errors of `ray_session` come from its first use.
-    """
+    Errors of `ray_session` come from its first use."""
     if settings.address == "debug":
         yield InProcess()
         return

@@ -53,8 +53,7 @@ class CheckResult:
     """The result of a check.
 
     `found`: a line. `state`: "good"; "weak": works, but worse than it could; "optional": missing,
-    and not needed; "missing": needed and missing. `remedy`: one command or step that mends it.
-    """
+    and not needed; "missing": needed and missing. `remedy`: one command or step that mends it."""
 
     found: str
     state: State = "good"
@@ -162,8 +161,7 @@ def sumo(needed: bool) -> CheckResult:
 def disk(folder: Path, cleaned: str) -> CheckResult:
     """Check space, inodes and the right to write in the folder of results.
 
-    `cleaned`: argument of `lidarplace clean` that makes room.
-    """
+    `cleaned`: argument of `lidarplace clean` that makes room."""
     try:
         existing = check_takes_files(folder)
     except OSError as error:

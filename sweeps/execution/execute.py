@@ -36,8 +36,7 @@ class Outcome:
     """What happened to tasks, by key.
 
     `failures`: of tasks that had no result. `times`: when a task began and ended on its worker,
-    seconds of the driver's `time.monotonic`.
-    """
+    seconds of the driver's `time.monotonic`."""
 
     failures: dict[str, Failure] = field(default_factory=dict)
     times: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -57,8 +56,7 @@ def execute(
     is too small is tried again with half the batch, and the GPU to itself. `outcome` is of tasks
     that ran before: it is updated and returned. `lasting_failures`, of earlier runs and by key, are
     not tried again. Raises DamagedResult: a result that a task needs was damaged, and is removed;
-    BackendLost: no task can end any more.
-    """
+    BackendLost: no task can end any more."""
     outcome = Outcome() if outcome is None else outcome
     cached = store.finished(tasks)
     for item in tasks:
@@ -86,8 +84,7 @@ class _Execution:
     """Tasks between their schedule and the backend.
 
     `running`: jobs, with their tasks and needs. `halvings`: how often the batch of a training is
-    halved, by its key.
-    """
+    halved, by its key."""
 
     store: Store
     backend: Backend

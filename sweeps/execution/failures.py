@@ -24,8 +24,7 @@ class Failure:
     `lasting`: data or settings are to blame, so a retry fails alike; else the machine is.
     `out_of_gpu_memory`: a smaller batch may help. `follows`: the task was not run, as one that it
     needs had failed; reason and log are of that. `damaged`: a result that it needs was damaged, and
-    is removed.
-    """
+    is removed."""
 
     reason: str
     log: str = ""
@@ -69,8 +68,7 @@ class FailureFolder:
     def lasting(self, rerun: bool, finished: Collection[str]) -> dict[str, Failure]:
         """Return the failures that a retry would repeat, by key; none if `rerun`.
 
-        All others are forgotten: they are retried, or their keys are in `finished`.
-        """
+        All others are forgotten: they are retried, or their keys are in `finished`."""
         lasting = {}
         for key, failure in self.read().items():
             # A failure that followed comes again with the one that it follows.

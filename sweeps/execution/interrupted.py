@@ -22,8 +22,7 @@ def interruptible(console: Console, work: Callable[[], T]) -> T:
     """Return the result of `work`, which begins again after a damaged result (`until_whole`).
 
     Raises typer.Exit: with code 1 if the machine fails, such as a full disk, with 2 if a cluster
-    cannot be joined, with 130 at Ctrl-C and 143 at SIGTERM.
-    """
+    cannot be joined, with 130 at Ctrl-C and 143 at SIGTERM."""
     from sweeps.execution.backends import BackendLost
     from sweeps.execution.ray_cluster import ClusterError
     from sweeps.store.result_folder import DamagedResult
@@ -44,8 +43,7 @@ def until_whole(work: Callable[[], T], say: Callable[[str], object]) -> T:
     """Return the result of `work`, which begins again after a `DamagedResult`.
 
     The store removes a damaged result, so it is computed again. Raises DamagedResult if the same
-    result is damaged again and again. `say` prints the line that names it.
-    """
+    result is damaged again and again. `say` prints the line that names it."""
     from sweeps.store.result_folder import DamagedResult
 
     faults = Counter[str]()

@@ -14,8 +14,7 @@ from sweeps.stages.task import Task
 def check_memory(tasks: Iterable[Task], ray: str) -> None:
     """Check that the voxels of each task fit into the memory of this machine.
 
-    Not if `ray` is the address of a cluster, which does the tasks elsewhere. Raises InputError.
-    """
+    Not if `ray` is the address of a cluster, which does the tasks elsewhere. Raises InputError."""
     stages = [task.stage for task in tasks if isinstance(task.stage, VoxelStage)]
     largest = max(stages, key=lambda stage: stage.need().memory, default=None)
     total, _ = machine_memory()

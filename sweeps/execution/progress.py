@@ -1,8 +1,7 @@
 """The progress of a sweep: a bar for every stage in a terminal, elsewhere lines.
 
 There is a line for every stage that has finished, and one now and then on what runs and what is
-left.
-"""
+left."""
 
 import math
 import threading
@@ -43,8 +42,7 @@ class RunningColumn(bars.ProgressColumn):
 class Running:
     """Tasks that run; another thread than that of the driver reads them.
 
-    `notes`: returns what workers noted of tasks, by key, such as `Store.running_notes`.
-    """
+    `notes`: returns what workers noted of tasks, by key, such as `Store.running_notes`."""
 
     def __init__(
         self,
@@ -80,8 +78,7 @@ class Running:
         """Name what runs; empty if nothing runs.
 
         Such as "finetune 'center, seed 1' for 4:30 (epoch 2 of 9, 20 %, about 18 min left), 2
-        more".
-        """
+        more"."""
         now, every = self._clock(), list(self._since.values())
         named = [
             f"{task.stage.name} '{task.label}' for {minutes(now - since)}{self._progress_of(task)}"
@@ -136,8 +133,7 @@ class TimeLeft:
     def seconds(self, running: Running, elapsed: float) -> float | None:
         """Return the seconds to the end, `elapsed` since the first task started.
 
-        None while no task of a stage that is left has ended.
-        """
+        None while no task of a stage that is left has ended."""
         mean = {stage: fmean(seconds) for stage, seconds in dict(self._seconds).items()}
         left = {stage: count for stage, count in self._left.items() if count > 0}
         if not left.keys() <= mean.keys() or elapsed <= 0:
@@ -163,8 +159,7 @@ class StageProgress:
     """Listener of `execute` that shows how far every stage of `tasks` is.
 
     A thread prints the lines, as the driver may wait for a training for hours. `failures` keeps the
-    failures of tasks.
-    """
+    failures of tasks."""
 
     def __init__(
         self,

@@ -45,8 +45,7 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
     """Return Ray, initialised by `settings`, and shut it down at the end.
 
     Raises ConnectionError: Ray cannot be started here; ClusterError: the cluster cannot be joined,
-    or one of its nodes cannot work for this driver.
-    """
+    or one of its nodes cannot work for this driver."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     # Three tries to reach a `ray://` server take 15 s in place of 30.
     os.environ.setdefault("RAY_CLIENT_MAX_CONNECTION_TIMEOUT_S", f"{_CONNECT_S:.0f}")
@@ -79,8 +78,7 @@ def _alone() -> dict[str, str]:
     listen there alone. The argument `_node_ip_address="127.0.0.1"` does not: Ray replaces it by an
     address that others can reach. The second keeps it from starting workers that tasks, which need
     other variables, could never use. A token Ray would write into the home folder, where every user
-    of the machine can read it; it remembers the first one, so a process has one.
-    """
+    of the machine can read it; it remembers the first one, so a process has one."""
     return {
         "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",
         "RAY_prestart_worker_first_driver": "0",

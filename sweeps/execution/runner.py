@@ -34,8 +34,7 @@ class Work(Protocol[T]):
     def open(self, folder: Path, say: Say) -> ParentRun:
         """Prepare the run folder, which no other driver has, and the store.
 
-        Returns the state of MLflow. Raises ValueError: something that is needed is missing.
-        """
+        Returns the state of MLflow. Raises ValueError: something that is needed is missing."""
 
     def compute(self, folder: Path, backend: Backend, log: SweepLog, say: Say) -> T:
         """Run all that has no result yet, and log it."""
@@ -50,8 +49,7 @@ def drive(console: Console, common: Common, store: Store, work: Work[T]) -> tupl
     Returns the results, and whether MLflow received all. Raises typer.Exit: another driver runs it,
     or MLflow, Ray or a database is not available; BackendLost: Ray has gone; DamagedResult: a
     result was damaged, and is computed again when this is called again; OSError: the run folder
-    cannot be written.
-    """
+    cannot be written."""
     folder = common.output / common.name
     say = partial(console.print, soft_wrap=True)
     with ExitStack() as stack:

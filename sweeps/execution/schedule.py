@@ -16,8 +16,7 @@ class Schedule:
     """Hands out tasks whose inputs have results: trial by trial, and late stages first.
 
     So a sweep that is stopped has whole results of its first trials, not the trainings of all. Each
-    of `tasks` comes after its inputs; the results of `finished` keys are in the store.
-    """
+    of `tasks` comes after its inputs; the results of `finished` keys are in the store."""
 
     def __init__(self, tasks: Sequence[Task], finished: Collection[str]) -> None:
         self.failed: dict[str, Failure] = {}

@@ -48,8 +48,7 @@ def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0
 
     Inputs are mapped from files of the store, not sent: workers on one machine share the pages, and
     clouds larger than the memory can be trained on. A network gets `gpu_share` of the memory of a
-    GPU; `halvings` is how often its batch size is halved, after that memory was too small.
-    """
+    GPU; `halvings` is how often its batch size is halved, after that memory was too small."""
     if isinstance(task.stage, Network) and gpu_share:
         import torch
 

@@ -17,8 +17,7 @@ from training.typical_objects import TypicalObject, typical_objects
 def boxes_by_split(scene: LogScene) -> dict[str, pd.DataFrame]:
     """Return the boxes of the training and of the test frames.
 
-    Raises ConfigError: the log cannot be read.
-    """
+    Raises ConfigError: the log cannot be read."""
     with reading("scene"):
         train = test = scene.read()
         if scene.test_folder is not None:
@@ -36,8 +35,7 @@ def check_classes(
     """Return a caution for each class that the training frames of a log lack.
 
     Raises InputError for a class that the configuration names by itself. Of the three default
-    classes some may be missing, or all in a log without any box.
-    """
+    classes some may be missing, or all in a log without any box."""
     counts = {split: counts_of(table["class"]) for split, table in boxes.items()}
     missing = [name for name in classes if name not in counts["train"]]
     none = len(missing) == len(classes) and bool(counts["train"])
@@ -66,8 +64,7 @@ def typical_of(
     """Return a typical object of each class without anchors in a preset, in the order of classes.
 
     `boxes`: of `boxes_by_split`; None: traffic is simulated, and all stand on the ground. Raises
-    InputError: the boxes of a class have no size.
-    """
+    InputError: the boxes of a class have no size."""
     objects = []
     for name in classes:
         size = settings[name].size if name in settings else None

@@ -12,8 +12,7 @@ _IDENTITY = ("placement", "detector", "seed")
 def task_label(grid_point: GridPoint, keys: Collection[str], *names: str) -> str:
     """Return the placement and the axes that `keys` of the configuration decide, then `names`.
 
-    Where neither is decided it begins with the scene.
-    """
+    Where neither is decided it begins with the scene."""
     parts = [grid_point.point.placement] if "placement" in keys else []
     parts += [
         f"{axis}={value}"

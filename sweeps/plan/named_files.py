@@ -65,8 +65,7 @@ def checkpoint_of(
     """Return the SHA-256 of a checkpoint that fits, and the typical objects of the classes.
 
     Those of the checkpoint, unless `new_heads` are trained, come before those of the data; `fixed`
-    classes have those of the configuration.
-    """
+    classes have those of the configuration."""
     # torch, which a sweep from scratch need not wait for
     from training.checkpoints import load_checkpoint, read_checkpoint
 
@@ -83,8 +82,7 @@ def checkpoint_of(
 def generalist_of(point: Point) -> Generalist:
     """Return the generalist of `evaluator: pretrained`.
 
-    Raises InputError: the file cannot be read, or belongs to another network.
-    """
+    Raises InputError: the file cannot be read, or belongs to another network."""
     path = point.training.checkpoint or PRETRAINED
     with reading("training.checkpoint"):
         generalist = _read_generalist(path)
@@ -98,8 +96,7 @@ def outside_of(point: Point, rig: Placement) -> str | None:
     """Describe how a rig, the ROI or a class differs from what the pretrained weights know.
 
     `rig`: with the LiDARs of its clouds. A line, or None if nothing does. Raises InputError: see
-    `generalist_of`.
-    """
+    `generalist_of`."""
     roi = point.roi
     crop = crop_for(roi.x, roi.y, roi.z, rig)
     outside = generalist_of(point).domain.outside(rig, crop, point.classes)

@@ -58,8 +58,7 @@ def make_plan(sweep: Sweep) -> Plan:
 
     Raises InputError: a checkpoint to start from, a map or recorded clouds do not exist or do not
     fit; a requirement cannot be checked for the vehicle, or for a rig with a LiDAR inside of it; or
-    two points of the grid are the same work.
-    """
+    two points of the grid are the same work."""
     planning = Planning(sweep)
     trials = [_plan_trial(planning, grid_point) for grid_point in sweep.points]
     by_key: dict[str, Trial] = {}

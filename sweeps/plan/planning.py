@@ -34,8 +34,7 @@ class Planning:
     """A plan in the making: points that agree in what a stage uses share its task.
 
     `tasks`: by key, each after its inputs. `cautions`: sentences, each once. `once`: for files and
-    computations that points share.
-    """
+    computations that points share."""
 
     sweep: Sweep
     tasks: dict[str, Task] = field(default_factory=dict)

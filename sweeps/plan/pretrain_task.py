@@ -21,8 +21,7 @@ def training_of(sweep: Sweep, plan: Plan) -> Task[FinetuneStage]:
     """Return a training on the clouds of all placements, with the seed of the first point.
 
     Raises InputError: no detector, or several detectors, trainings, scenes, ROIs or lists of
-    classes.
-    """
+    classes."""
     for axis in sweep.axes:
         # A value may be a list or a mapping.
         values = {repr(grid_point.axes[axis]) for grid_point in sweep.points}
@@ -44,8 +43,7 @@ def pretrain_task(trainings: Sequence[Task[FinetuneStage]]) -> Task[PretrainStag
     """Return one training on the clouds of several, with the network and settings that they share.
 
     `trainings`: of sweeps, or of the generalists of searches. Raises InputError: they differ in
-    network or settings.
-    """
+    network or settings."""
     stages = [training.stage for training in trainings]
     for name in ("detector", "classes", "training", "typical", "seed"):
         values = {repr(getattr(stage, name)) for stage in stages}

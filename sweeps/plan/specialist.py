@@ -55,8 +55,7 @@ def training_stage(
 ) -> FinetuneStage:
     """Return the training on the clouds of the placement, after a check of network and checkpoint.
 
-    `typical`: objects of classes without anchors; those of a checkpoint come before them.
-    """
+    `typical`: objects of classes without anchors; those of a checkpoint come before them."""
     point, crop = trial.grid_point.point, clouds.crop
     detector, settings, once = point.detector, point.training, clouds.planning.once
     assert detector is not None

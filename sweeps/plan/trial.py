@@ -32,8 +32,7 @@ class Trial:
     `label`: "placement · detector · seed 1", and the further axes. `scene_label`: names its scene.
     `interleaving`: how its rings would interleave, where they coincide. `scenes`: the parts of its
     scene. `pog`, `surrogates`, `recall`: its cheap tasks, by which `promote` may rank; recall is
-    None without surrogates of objects. `studies`: further tasks that it reports.
-    """
+    None without surrogates of objects. `studies`: further tasks that it reports."""
 
     grid_point: GridPoint
     label: str
@@ -80,8 +79,7 @@ class DetectorTrial(Trial):
 
     `ground_truths`, `collect_test`: of the parts of the scene. `finetune`: the training whose
     weights evaluate the placement, shared where it is that of a generalist; None where pretrained
-    weights or a command do. `evaluate`: compares detections in the test frames with the truth.
-    """
+    weights or a command do. `evaluate`: compares detections in the test frames with the truth."""
 
     ground_truths: tuple[Task[GroundTruthStage], ...]
     collect_test: tuple[CloudTask, ...]
@@ -117,8 +115,7 @@ class Plan:
     """The tasks of a sweep, each once and after its inputs, and its trials.
 
     `laid`: the requirements around the vehicle, by the curves of the first trial. `cautions`: what
-    the user is to know of the classes of the logs and of the settings, a sentence each.
-    """
+    the user is to know of the classes of the logs and of the settings, a sentence each."""
 
     tasks: tuple[Task, ...]
     trials: tuple[Trial, ...]

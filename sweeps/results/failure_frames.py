@@ -25,8 +25,7 @@ POINTS = 3000
 def write_failure_frames(analysis: Analysis, plan: Plan, store: Store) -> FailureFrames | None:
     """Write the frames of the compared rigs into the run folder, or remove those of an earlier run.
 
-    None where no rigs are compared.
-    """
+    None where no rigs are compared."""
     folder, frames = analysis.complete.path, None
     (folder / FailureFrames.FILE).unlink(missing_ok=True)
     if analysis.pair is not None:
@@ -41,8 +40,7 @@ def failure_frames(
 ) -> FailureFrames:
     """Load the frames of `Failures.telling`, with the detections of the lowest seed.
 
-    `trials` are by key.
-    """
+    `trials` are by key."""
     clouds, index, boxes = {}, {}, {}
     for key in failures.trials:
         clouds[key] = JoinedClouds([store.load(task) for task in trials[key].collect_test])
@@ -58,8 +56,7 @@ def frames_of(
 ) -> FailureFrames:
     """Collect the frames of `Failures.telling` from detections by trial.
 
-    `cloud` returns the points of a trial in a frame: x, y, z, intensity, shape (n, 4).
-    """
+    `cloud` returns the points of a trial in a frame: x, y, z, intensity, shape (n, 4)."""
     chosen = failures.objects.iloc[failures.telling()]
     rigs, numbers = np.array(failures.rigs, np.str_), chosen["object"].to_numpy(np.int64)
     frames = FailureFrames(rigs, numbers, {}, {})

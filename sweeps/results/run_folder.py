@@ -82,8 +82,7 @@ class Run:
 def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) -> Analysis:
     """Gather the results of all trials into `folder`, each file renamed into place.
 
-    Returns the analysis of the folder.
-    """
+    Returns the analysis of the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     axes = further_axes(sweep)
     finished = store.finished(plan.tasks)
@@ -146,8 +145,7 @@ def _stage_tables(
 ) -> dict[str, pd.DataFrame]:
     """Return the tables that results of stages hold, by name.
 
-    A table of trials gets the rows of those of which all results are there.
-    """
+    A table of trials gets the rows of those of which all results are there."""
     rows: dict[str, list[_Rows]] = {name: [] for name in _OF_STAGES}
     for trial in trials:
         whole = all(task.key in finished for task in trial.results)

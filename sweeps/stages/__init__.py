@@ -12,5 +12,4 @@ scene -> collect -> command -> measure: a program of the user instead of a train
 scene -> detect, by a trained detector: collect and detect without keeping the clouds
 
 A scene may be recorded in parts; `*logs` are all of them. Where inputs are results of several
-stages they are distinguished by their types.
-"""
+stages they are distinguished by their types."""

@@ -24,8 +24,7 @@ class Accuracy:
 class AccuracyStage(VoxelStage[Accuracy]):
     """Compute surrogates of one class in several ways.
 
-    The ways are methods, and the given resolutions, azimuth steps and shares of the frames.
-    """
+    The ways are methods, and the given resolutions, azimuth steps and shares of the frames."""
 
     placement: Annotated[Placement, "placement", "lidar", "weather"]
     roi: Annotated[Roi, "roi", "surrogate.resolution"]

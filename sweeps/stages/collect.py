@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 class CollectedClouds(PointClouds):
     """Clouds of one split of a part of a scene.
 
-    `points_per_object`: of every object frame, object_id, points.
-    """
+    `points_per_object`: of every object frame, object_id, points."""
 
     points_per_object: pd.DataFrame
 
@@ -51,8 +50,7 @@ class CollectStage(Stage[CollectedClouds]):
     `placement`: with quirks and fewer azimuth steps, if the collection has them. `crop`: lowest x,
     y, z and highest x, y, z of points that stay, metres. `seed`: of shapes, drop-off, range noise
     and mounting errors. `errors`: of the mounts. `first`, `every`: which frames of the split are
-    collected; all by default. `vehicle`: carries the LiDARs; None: a sedan.
-    """
+    collected; all by default. `vehicle`: carries the LiDARs; None: a sedan."""
 
     placement: Annotated[Placement, "placement", "lidar", "weather"]
     misaligned_heights: Annotated[bool, "lidar.misaligned_heights"]
@@ -92,8 +90,7 @@ class RecordedCloudsStage(Stage[CollectedClouds]):
 
     `folder`, `digest`: of the clouds, and the hash of their content. `rig`: recorded them, and
     orders their points; None: that of the placement alone. `lidars`: those of it whose points are
-    used.
-    """
+    used."""
 
     folder: Annotated[Path, "placement", "scene"]
     digest: str
@@ -128,8 +125,7 @@ def clouds_and_objects(
     """Join the clouds of `inputs`, and the objects in their frames.
 
     `scenes`: how many of the inputs each scene has, whose frames are numbered on from those of the
-    scene before; by default all inputs are of one scene.
-    """
+    scene before; by default all inputs are of one scene."""
     remaining = iter(inputs)
     clouds: list[CollectedClouds] = []
     objects: list[pd.DataFrame] = []

@@ -63,8 +63,7 @@ class CommandStage(Stage[DetectedFrames]):
     """Run a command that detects objects in the test frames.
 
     `digests`: of the content of what it depends on. `rig`, `seed`: replace `{rig}` and `{seed}` in
-    it; None: it does not name them. `log`: file of its output.
-    """
+    it; None: it does not name them. `log`: file of its output."""
 
     evaluator: EvaluatorCommand
     digests: tuple[str, ...]
@@ -83,8 +82,7 @@ class CommandStage(Stage[DetectedFrames]):
         """Detect by the clouds of all frames and the objects in the training frames.
 
         Raises CommandFailed: the command fails, takes too long, or writes nothing or something
-        wrong.
-        """
+        wrong."""
         clouds, objects = clouds_and_objects(inputs)
         frames = pd.concat([log.frames for log in of_type(BoxLog, inputs)])
         return self.detect(frames, objects[objects["class"].isin(self.classes)], clouds)

@@ -26,8 +26,7 @@ class DetectedFrames:
     """Detections in some frames.
 
     `detections`: `boxes` of `training.detect.Detections`. `frames`: the column frame of all in
-    which objects were detected. `cautions`: implausible detections of a command, a line each.
-    """
+    which objects were detected. `cautions`: implausible detections of a command, a line each."""
 
     detections: pd.DataFrame
     frames: pd.DataFrame
@@ -41,8 +40,7 @@ class EvaluationResult:
     `metrics`, `pr_curves`, `left_out`: `metrics`, `curves` and `left_out` of
     `training.kitti_ap.Evaluation`. `by_distance`: columns of
     `training.by_place.evaluate_by_distance`. `by_sector`: columns of
-    `training.by_place.recall_by_sector`. `detections`: `boxes` of `training.detect.Detections`.
-    """
+    `training.by_place.recall_by_sector`. `detections`: `boxes` of `training.detect.Detections`."""
 
     metrics: pd.DataFrame
     pr_curves: pd.DataFrame
@@ -147,8 +145,7 @@ def evaluate_detections(
     """Compare detections with the objects that count.
 
     `detections`: columns of `training.detect.Detections`, whoever made them. `routes`: scene, frame
-    and route of the frames. `metrics`: further ones, of plug-ins.
-    """
+    and route of the frames. `metrics`: further ones, of plug-ins."""
     from training.by_place import evaluate_by_distance, recall_by_sector
     from training.kitti_ap import evaluation
 

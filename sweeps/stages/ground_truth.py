@@ -14,8 +14,7 @@ from sweeps.stages.stage import Stage
 class GroundTruth:
     """Objects that count, and all frames, of a part of a scene.
 
-    `objects`: in the ego frame. `frames`: scene, frame, route, split.
-    """
+    `objects`: in the ego frame. `frames`: scene, frame, route, split."""
 
     objects: pd.DataFrame
     frames: pd.DataFrame
@@ -25,8 +24,7 @@ class GroundTruth:
 class GroundTruthStage(Stage[GroundTruth]):
     """Find the objects of every frame that count, the same for every placement.
 
-    `x`, `y`, `z`: where they count, metres in the ego frame. `seed`: of their shapes.
-    """
+    `x`, `y`, `z`: where they count, metres in the ego frame. `seed`: of their shapes."""
 
     x: Annotated[Interval, "roi"]
     y: Annotated[Interval, "roi"]

@@ -19,8 +19,7 @@ class Pog:
 
     `classes`: in the order of the configuration. `frames`: T, of the training split. `roi`: voxels.
     `counts`: by class, frames in which each voxel is occupied, shape (nx, ny, nz), int32.
-    `from_above`: by class, entropy summed over z, nats, shape (nx, ny), float32.
-    """
+    `from_above`: by class, entropy summed over z, nats, shape (nx, ny), float32."""
 
     classes: Sequence[str]
     frames: int
@@ -33,8 +32,7 @@ class Pog:
 class PogStage(VoxelStage[Pog]):
     """Count the occupancy by every class over the frames of the training split.
 
-    Test frames stay out: a surrogate predicts how a placement does on what was not seen.
-    """
+    Test frames stay out: a surrogate predicts how a placement does on what was not seen."""
 
     roi: Annotated[Roi, "roi", "surrogate.resolution"]
     classes: Annotated[tuple[str, ...], "classes"]

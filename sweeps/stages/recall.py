@@ -28,8 +28,7 @@ class RecallStage(Stage[Scores]):
     `rigs`: the rig of the clouds, with their quirks and azimuth steps; or as single vehicles have
     it, with displaced mounts: values are the mean over them. `roi`: its resolution does not matter.
     `seed`: of the shapes of the objects. `frames`: how many are used at most, spread over those of
-    the training split. `vehicle`: carries the LiDARs; None: a sedan.
-    """
+    the training split. `vehicle`: carries the LiDARs; None: a sedan."""
 
     rigs: Annotated[tuple[Placement, ...], "placement", "lidar", "weather", "surrogate.mount_draws"]
     names: Annotated[tuple[str, ...], "surrogate.names"]

@@ -21,8 +21,7 @@ class RequirementResults:
 
     `table`: columns of `lidarplace.requirements.tables.case_table`. `x`, `y`, `least`: those of
     `lidarplace.requirements.tables.Ground`, metres and the measure of the requirement, by its
-    number; `least` as float32.
-    """
+    number; `least` as float32."""
 
     table: pd.DataFrame
     x: Mapping[str, NDArray[np.float64]]
@@ -34,8 +33,7 @@ class RequirementResults:
 class RequirementsStage(Stage[RequirementResults]):
     """Check requirements of a rig and the vehicle that carries it.
 
-    `further`: cameras and radars of the rig.
-    """
+    `further`: cameras and radars of the rig."""
 
     placement: Annotated[Placement, "placement", "lidar", "weather"]
     vehicle: Annotated[Vehicle, "vehicle"]

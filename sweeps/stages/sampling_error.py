@@ -18,8 +18,7 @@ from sweeps.stages.stage import OCCLUSION_BYTES, VoxelStage, training_log
 class SamplingErrorStage(VoxelStage[SamplingError]):
     """Compute intervals of surrogates: the frames of the POG are drawn again in blocks.
 
-    Empty for a single frame.
-    """
+    Empty for a single frame."""
 
     placement: Annotated[Placement, "placement", "lidar", "weather"]
     roi: Annotated[Roi, "roi", "surrogate.resolution"]

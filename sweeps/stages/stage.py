@@ -1,7 +1,6 @@
 """The interface of a stage to plan, schedule, workers, store and run folder.
 
-A new stage is a file with a subclass of `Stage`, and a line in the plan.
-"""
+A new stage is a file with a subclass of `Stage`, and a line in the plan."""
 
 import math
 from abc import ABC, abstractmethod
@@ -57,8 +56,7 @@ class Stage(ABC, Generic[R]):
         """Compute the result: a dataclass, whose fields a store keeps as files.
 
         Fields are tables, arrays, arrays by name, weights and plain data; one with a default may be
-        missing in a folder.
-        """
+        missing in a folder."""
 
     def need(self, gpu_share: float = 1.0) -> Need:
         """Return what the stage takes of a machine where a training takes `gpu_share` of a GPU."""
@@ -86,8 +84,7 @@ class VoxelStage(Stage[R]):
     """A stage whose memory is that of the voxels of its ROI.
 
     `bytes_per_voxel` of its subclasses is the most, where every voxel is occupied, as
-    `benchmarks/voxel_memory.py` measures it. What is mapped from files does not count.
-    """
+    `benchmarks/voxel_memory.py` measures it. What is mapped from files does not count."""
 
     roi: Any  # the subclasses annotate it as Roi, with its key paths
 

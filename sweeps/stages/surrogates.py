@@ -17,8 +17,7 @@ from sweeps.stages.stage import OCCLUSION_BYTES, VoxelStage
 class Scores:
     """Surrogates of one rig: class, surrogate, value, method, seconds.
 
-    Rows of `expected_ig` have a `linear_share`, too.
-    """
+    Rows of `expected_ig` have a `linear_share`, too."""
 
     table: pd.DataFrame
 
@@ -27,8 +26,7 @@ class Scores:
 class SurrogatesStage(VoxelStage[Scores]):
     """Compute the surrogates `names` of a rig on the POG, for every class.
 
-    `roi`: that of the POG.
-    """
+    `roi`: that of the POG."""
 
     placement: Annotated[Placement, "placement", "lidar", "weather"]
     names: Annotated[tuple[str, ...], "surrogate.names"]

@@ -27,8 +27,7 @@ T = TypeVar("T", bound=Stage)
 class Task(Generic[S]):
     """One run of a stage.
 
-    `label`: names it for people. `inputs`: tasks whose results `Stage.run` gets, in this order.
-    """
+    `label`: names it for people. `inputs`: tasks whose results `Stage.run` gets, in this order."""
 
     stage: S
     label: str

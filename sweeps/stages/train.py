@@ -40,8 +40,7 @@ class TrainingRun(TypedDict):
     """Circumstances of a training that do not decide its result.
 
     `folder`: where it goes on after a stop. `halvings`: how often the batch size is halved, after
-    the GPU's memory was too small. `on_step`: called with the number of epochs that are done.
-    """
+    the GPU's memory was too small. `on_step`: called with the number of epochs that are done."""
 
     folder: Path
     halvings: int
@@ -54,8 +53,7 @@ class Network(Stage[R]):
 
     `point_range`: the crop of the clouds. `typical`: objects of which anchors are, for classes
     without those of the preset. `ious`: of classes that are evaluated at other overlaps than
-    KITTI's, and `metrics`: of plug-ins; both where detections are evaluated.
-    """
+    KITTI's, and `metrics`: of plug-ins; both where detections are evaluated."""
 
     detector: str
     classes: tuple[str, ...]
@@ -77,8 +75,7 @@ class FinetuneStage(Network[TrainedDetector]):
     """Train one detector on the clouds of one placement.
 
     From scratch it is trained for the classes that occur; heads that exist already stay. `seed`: of
-    the training. `checkpoint`: SHA-256 of the one that is started from, if any.
-    """
+    the training. `checkpoint`: SHA-256 of the one that is started from, if any."""
 
     seed: int
     checkpoint: str | None
@@ -132,8 +129,7 @@ class FinetuneStage(Network[TrainedDetector]):
 class PretrainStage(FinetuneStage):
     """Train one detector on the clouds of many placements, scene by scene, for all classes.
 
-    `scenes`: how many of the inputs each scene has; each numbers its own frames.
-    """
+    `scenes`: how many of the inputs each scene has; each numbers its own frames."""
 
     scenes: tuple[int, ...]
 
@@ -153,8 +149,7 @@ class PretrainStage(FinetuneStage):
 class PretrainedStage(Stage[TrainedDetector]):
     """Read a checkpoint whose weights are used as they are.
 
-    `digest`: of the file that was planned with; see `training.pretrained.read_generalist`.
-    """
+    `digest`: of the file that was planned with; see `training.pretrained.read_generalist`."""
 
     digest: str
     path: Path = field(compare=False)

@@ -1,7 +1,6 @@
 """Copy checkpoints to a remote place while a task writes them, so that another machine can resume.
 
-Files of an attempt are one archive there, which is replaced in one step.
-"""
+Files of an attempt are one archive there, which is replaced in one step."""
 
 import hashlib
 import logging
@@ -33,8 +32,7 @@ def mirrored(folder: Path, filesystem: AbstractFileSystem, place: str) -> Iterat
     """Copy the files of an attempt to a remote place when they change, and at the end.
 
     `place`: of the attempts at the task. If it does not answer, the error is logged and the copy
-    tried again, while the work goes on.
-    """
+    tried again, while the work goes on."""
     stop = threading.Event()
     target = f"{place}/{folder.name}{_ENDING}"
 
@@ -64,8 +62,7 @@ def fetch(filesystem: AbstractFileSystem, place: str, folder: Path) -> None:
 
     Not if this machine wrote them, or fetched them earlier: its state is that or a later one, also
     while the remote place did not answer. Names decide, not the clocks of two machines: an attempt
-    has the same name locally and remotely, and a fetched one is named after its content.
-    """
+    has the same name locally and remotely, and a fetched one is named after its content."""
     for left in reversed(range(_TRIES)):
         filesystem.invalidate_cache()
         try:

@@ -13,8 +13,7 @@ class Cleaned:
 
     `contents`: all entries. `references`: keys by name of the sweep that refers to them.
     `leftovers`: files of killed processes that nobody can use. `removed`: leftovers and results,
-    least recently used first.
-    """
+    least recently used first."""
 
     contents: tuple[Entry, ...]
     references: Mapping[str, set[str]]
@@ -37,8 +36,7 @@ def clean_store(store: Store, quota_bytes: int | None = None, dry_run: bool = Fa
 
     All of these results, or with a quota those least recently used, until the store is no larger.
     The caller holds `store.exclusive()`, except for a dry run. Raises InputError: the file of a
-    sweep is damaged, so its references are unknown.
-    """
+    sweep is damaged, so its references are unknown."""
     references, contents = store.references(), store.contents()
     referred = set[str]().union(*references.values())
     results = [entry for entry in contents if entry.kind == "result"]

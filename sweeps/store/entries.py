@@ -26,8 +26,7 @@ class Entry:
 
     `kind`: "result"; "working", the checkpoints of an unfinished training; "running", a note that a
     task runs; or "partial", a file that a killed process was writing. `key`: of the task; of
-    "partial" any text. `size`: bytes.
-    """
+    "partial" any text. `size`: bytes."""
 
     stage: str
     kind: Literal["result", "working", "running", "partial"]

@@ -39,8 +39,7 @@ class Note:
 class Store:
     """A folder of results, `STAGE/KEY/`, with hidden files of running tasks next to them.
 
-    A result is written under a temporary name and renamed, so it is always whole.
-    """
+    A result is written under a temporary name and renamed, so it is always whole."""
 
     folder: Path
 
@@ -74,8 +73,7 @@ class Store:
         """Read a result; large arrays are mapped, read-only.
 
         Raises FileNotFoundError: there is none; KeyError: it lacks a field; DamagedResult: it is
-        not what was written, and is removed.
-        """
+        not what was written, and is removed."""
         return self.read(task, results.whole(task.stage.result()))
 
     def read(self, task: Task[Stage[R]], of: Callable[[R], T]) -> T:
@@ -101,8 +99,7 @@ class Store:
     def working_folder(self, task: Task) -> Iterator[Path]:
         """Return a new folder for checkpoints of a task, with the last state of any attempt.
 
-        A file that the block leaves there, replaced in one step, stays until `discard`.
-        """
+        A file that the block leaves there, replaced in one step, stays until `discard`."""
         folder = self.attempts(task)
         # Hidden ones are those that a killed process was filling.
         states = [path for other in folder.glob("[!.]*") for path in other.glob("[!.]*")]
@@ -117,8 +114,7 @@ class Store:
         """Return the folder of the attempts at an unfinished task.
 
         Two can overlap: two drivers, or a machine that was believed dead. In one folder the slower
-        would overwrite the newer state, so each attempt has a folder.
-        """
+        would overwrite the newer state, so each attempt has a folder."""
         return self._hidden(task, "working")
 
     def discard(self, task: Task) -> None:
@@ -130,8 +126,7 @@ class Store:
     def running(self, task: Task, note: Note) -> Iterator[Callable[[str], None]]:
         """Keep a note while the block runs, which gets a function for its progress.
 
-        The note stays if the process is killed.
-        """
+        The note stays if the process is killed."""
         path = self.note(task)
         path.parent.mkdir(parents=True, exist_ok=True)
 

@@ -20,8 +20,7 @@ def locked(folder: Path, alone: bool) -> Iterator[None]:
 
     Waits while cleaning has the store alone. `alone` waits a second, as `is_locked` holds the lock
     for a moment, and raises InputError while others hold it. Raises OSError: the file system has no
-    locks.
-    """
+    locks."""
     folder.mkdir(parents=True, exist_ok=True)
     # NFS shares a lock only on what is open for reading, and gives it alone only for writing.
     with (folder / _FILE).open("a+b") as file:
@@ -37,8 +36,7 @@ def is_locked(folder: Path) -> bool:
     """Whether a process has the lock alone.
 
     Several can look at the same time, and make no file. Raises OSError: the file system has no
-    locks, or the lock cannot be read.
-    """
+    locks, or the lock cannot be read."""
     try:
         file = (folder / _FILE).open("rb")
     except FileNotFoundError:

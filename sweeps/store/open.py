@@ -20,8 +20,7 @@ def open_store(url: str | None, output: Path, cache: Path | None = None) -> Stor
 
     `output/store` is the default of the folder, and of `cache`, the folder of copies. Nothing is
     written; a URL is tried. Raises InputError: it has an unknown protocol, needs a package, or
-    cannot be read.
-    """
+    cannot be read."""
     default = (output / "store").absolute()
     if url is None:
         return Store(default)
@@ -66,8 +65,7 @@ def store_of(sweep: Sweep) -> Store:
 def check_writable(sweep: Sweep, store: Store) -> None:
     """Check that the run folder and the folder of the store, or of its copies, take files.
 
-    Raises OSError: unlike a disk that fills up later, a faulty folder stays faulty.
-    """
+    Raises OSError: unlike a disk that fills up later, a faulty folder stays faulty."""
     for folder in (sweep.common.output / sweep.common.name, store.folder):
         check_takes_files(folder)
 
@@ -75,7 +73,6 @@ def check_writable(sweep: Sweep, store: Store) -> None:
 def reference(sweep: Sweep, purpose: str = "") -> str:
     """Return the name under which a sweep refers to results, such as for the purpose "pretrain".
 
-    Sweeps of other output folders have other names.
-    """
+    Sweeps of other output folders have other names."""
     place = hashlib.sha256(str(sweep.common.output.resolve()).encode()).hexdigest()[:6]
     return ".".join(filter(None, [sweep.common.name, purpose, place]))

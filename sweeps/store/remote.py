@@ -26,8 +26,7 @@ class RemoteStore(Store):
     """A store at a URL, from which results are copied to `folder` before they are read.
 
     An object store cannot rename, so files of a result are at `STAGE/KEY/ID/`, with an ID for every
-    writer, and `STAGE/KEY/result.json` is written last: with it the result exists.
-    """
+    writer, and `STAGE/KEY/result.json` is written last: with it the result exists."""
 
     url: str
 
@@ -63,8 +62,7 @@ class RemoteStore(Store):
     def read(self, task: Task[Stage[R]], of: Callable[[R], T]) -> T:
         """Copy all files of the result to `folder` first, and read it.
 
-        A damaged copy is replaced once. If that is damaged, too, so is the original.
-        """
+        A damaged copy is replaced once. If that is damaged, too, so is the original."""
         copied = super().has(task)
         try:
             if not copied:

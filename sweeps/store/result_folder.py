@@ -1,7 +1,6 @@
 """Results as files of a folder, by the fields of their class.
 
-Tables, arrays and weights are files, all other fields are in `result.json`.
-"""
+Tables, arrays and weights are files, all other fields are in `result.json`."""
 
 import hashlib
 import json
@@ -38,8 +37,7 @@ class Ran:
     """The circumstances of a computation.
 
     Machine and process, the most bytes that the process held, whether a step had fewer frames than
-    configured, as memory was too small, and the seconds before a stop.
-    """
+    configured, as memory was too small, and the seconds before a stop."""
 
     node: str = ""
     pid: int = 0
@@ -69,8 +67,7 @@ class Content:
     """The content of `result.json`.
 
     The plain data of the result, its files by name, and an id that distinguishes these files from
-    those that another process writes of the same result.
-    """
+    those that another process writes of the same result."""
 
     record: Record
     id: str
@@ -82,8 +79,7 @@ def write_result(folder: Path, value: Dataclass, place: str, record: Record) -> 
     """Write a result into an empty folder, which will be at `place`, and sync it to the disk.
 
     Raises OSError, and TypeError: a field is neither table, array, arrays by name, weights nor
-    plain data.
-    """
+    plain data."""
     items = {item.name: getattr(value, item.name) for item in fields(value)}
     plain = {name: item for name, item in items.items() if not _write(folder, name, item)}
     content = {
@@ -126,8 +122,7 @@ def read_content(folder: Path) -> Content:
     """Read `result.json`.
 
     Raises FileNotFoundError: there is no folder; DamagedResult: the file is missing, damaged or of
-    the result of another folder.
-    """
+    the result of another folder."""
     try:
         data = (folder / RECORD).read_bytes()
     except FileNotFoundError:
@@ -140,8 +135,7 @@ def read_content(folder: Path) -> Content:
 def parse_content(data: bytes, place: str, named: object) -> Content:
     """Parse the bytes of the `result.json` at `place`, which errors call `named`.
 
-    Raises DamagedResult: they are damaged, or of the result of another place.
-    """
+    Raises DamagedResult: they are damaged, or of the result of another place."""
     try:
         content = json.loads(data)
         whole = content.pop("digest") == _digest_of_content(content)
@@ -162,8 +156,7 @@ def check_files(
     """Check the size of all files and the content of those to `read`.
 
     Raises DamagedResult, which calls the folder `named`: a file is missing or has another size, as
-    after power loss or an interrupted copy, or another content, as on a bad disk.
-    """
+    after power loss or an interrupted copy, or another content, as on a bad disk."""
     for name, written in files.items():
         try:
             size = (folder / name).stat().st_size
@@ -180,8 +173,7 @@ def read_result(folder: Path, kind: type[R], of: Callable[[R], T]) -> T:
     """Return `of` a result of a class, of which only the fields that it uses are read.
 
     Large arrays are mapped, read-only. Raises FileNotFoundError: there is no folder; KeyError: the
-    result lacks a field; DamagedResult.
-    """
+    result lacks a field; DamagedResult."""
     content = read_content(folder)
     check_files(folder, content.files, (), folder)
     # Not a `kind`, for which all fields would be read; to `of` it looks like one.
@@ -231,8 +223,7 @@ def damaged(named: object, fault: str) -> DamagedResult:
 def _digest(path: Path) -> str:
     """Hash the content of a file, which is in the page cache when it is mapped afterwards.
 
-    1.2 GB/s is more than most disks have, so no package with a faster hash is needed.
-    """
+    1.2 GB/s is more than most disks have, so no package with a faster hash is needed."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, _hash).hexdigest()
 

@@ -14,8 +14,7 @@ from lidarplace.files.atomic import naming, sync, temporary, unique
 def whole_folder(target: Path) -> Iterator[Path]:
     """Return an empty hidden folder that becomes `target` at the end, unless that exists by then.
 
-    Nothing is left of it on an error. The block has to `sync` the files that it writes.
-    """
+    Nothing is left of it on an error. The block has to `sync` the files that it writes."""
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = temporary(target)
     try:

@@ -27,8 +27,7 @@ class BestPlacement:
             where it is unknown, and intervals and probabilities are over seeds alone.
         note: why there are no intervals, or "".
         noise, pairs: of the means over seeds and test objects, and of their differences; the best
-            first.
-    """
+            first."""
 
     best: str
     mean: float
@@ -90,8 +89,7 @@ def best_placement(
     objects is what is left.
 
     None if there is no value; NaN for all that needs the spread over seeds if no placement has two.
-    Raises ValueError: a placement has two values for a seed.
-    """
+    Raises ValueError: a placement has two values for a seed."""
     tested = results[results["value"].notna()]
     if tested.empty:
         return None

@@ -46,8 +46,7 @@ def best_surrogates(
 
     `correlations` and `left_out` are `correlate` and `leave_one_out` of `results`, `surrogates` and
     `axes`, see `paired`, whose errors it raises. One per group in which some surrogate has a
-    coefficient, in the order of `correlations`.
-    """
+    coefficient, in the order of `correlations`."""
     keys = [*group_columns(axes), "surrogate"]
     estimates = correlations.merge(left_out[[*keys, "rmse", "rmse_of_mean"]], on=keys, how="left")
     predictors, start = [], 0

@@ -88,8 +88,7 @@ def _try_database(uri: str) -> None:
 def _sync_less(connection: Any, _record: Any) -> None:
     """Let SQLite wait for the disk once a commit, not three times: MLflow commits often.
 
-    A killed process loses nothing by it; what a power cut takes back is found missing again.
-    """
+    A killed process loses nothing by it; what a power cut takes back is found missing again."""
     if isinstance(connection, sqlite3.Connection):
         connection.execute("PRAGMA synchronous = NORMAL")
         if connection.execute("PRAGMA journal_mode").fetchone() == ("delete",):

@@ -30,8 +30,7 @@ def write_page(target: Path, template: Path, sections: Sequence[Section], **valu
 
     Plotly's program is in the page, nothing is loaded from a network. The heaviest figures of a
     page beyond `LARGEST_PAGE` are left out; its `sections`, and a line on stderr, then say which.
-    `template` is of jinja, or `SECTIONS_ALONE`; values that it shows are escaped.
-    """
+    `template` is of jinja, or `SECTIONS_ALONE`; values that it shows are escaped."""
     drawn = {id(figure): figure_json(figure) for section in sections for figure in section.figures}
 
     def render() -> bytes:
@@ -130,8 +129,7 @@ def write_markdown(
     """Write sentences, tables and the names of figures to `target`; return it.
 
     `first` are blocks of Markdown below the title, `last` verbatim texts at the end by heading,
-    `page` the file name of the HTML page, which has the figures.
-    """
+    `page` the file name of the HTML page, which has the figures."""
     blocks = [f"# {escaped(title)}", *first]
     for section in sections:
         blocks += [f"## {escaped(section.title)}", *map(escaped, section.notes)]

@@ -52,8 +52,7 @@ _PAGES = {"decision.html": "Decision", "report.html": "Research report"}
 def build_report(run: Path) -> Path:
     """Write the pages of the run folder `run` into it, and return the path of the report.
 
-    Raises ValueError: `run` is no run folder.
-    """
+    Raises ValueError: `run` is no run folder."""
     folder = RunFolder.read(run)
     return write_report(Analysis(folder), folder.failures)
 
@@ -64,8 +63,7 @@ def write_report(analysis: Analysis, frames: FailureFrames | None) -> Path:
     `report.html` and, with results, `decision.html` and `failures.html` are one file each that
     loads nothing from a network, see `tracking.pages.html_page`. `report.md` and `tables/` hold the
     tables of the report, rounded and raw. `frames` are those of `Analysis.pair`; frames of other
-    rigs, which an older run folder may have, are not shown.
-    """
+    rigs, which an older run folder may have, are not shown."""
     run, answer = analysis.run, analysis.answer
     by_name = dict(_sections(analysis))
     sections = list(by_name.values())

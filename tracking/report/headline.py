@@ -27,8 +27,7 @@ class Statement:
         best: the placement, or several that are equal, or that there is none.
         lead: its value, and how far it is ahead of which.
         certainty: how certain that is, as far as the heaviest of `weaknesses`, the first, allows.
-        weaknesses: of the evidence, the heaviest first.
-    """
+        weaknesses: of the evidence, the heaviest first."""
 
     title: str
     group: str
@@ -52,8 +51,7 @@ def statements(
 ) -> dict[str, Statement]:
     """Make the headline of each class that has AP, and of the recall of all.
 
-    `ranking` is `headline_ranking` of the group, `weaknesses` are those of its evidence.
-    """
+    `ranking` is `headline_ranking` of the group, `weaknesses` are those of its evidence."""
     by_class = {}
     for name, best in ranking.items():
         weak = tuple(weakness for weakness in weaknesses if name in weakness.classes)

@@ -25,8 +25,7 @@ MOST_RIGS = 6  # of one page: the best, which others are compared with
 class Recommendation:
     """Ranking of the placements of one group, and the one that it recommends, if it has results.
 
-    `run` has distinct rigs, trained as long as they get.
-    """
+    `run` has distinct rigs, trained as long as they get."""
 
     run: RunFolder
     group: Group
@@ -94,8 +93,7 @@ class Answer:
         certainty: how certain that is, and whether the groups agree.
         command: command that produces more evidence; "" if there is enough.
         other_classes: statements of the first group about classes that do not decide.
-        enough: whether the evidence is sufficient.
-    """
+        enough: whether the evidence is sufficient."""
 
     grade: str
     best: str
@@ -164,8 +162,7 @@ def _agreement(recommended: Sequence[Recommendation]) -> tuple[str, list[str]]:
 def compared_failures(recommended: Sequence[Recommendation]) -> Failures | None:
     """Compare what the first group's recommended rig and the next one find.
 
-    None without results, without a second rig, or where the run has no objects.
-    """
+    None without results, without a second rig, or where the run has no objects."""
     if not recommended or recommended[0].best.others.empty:
         return None
     first = recommended[0]

@@ -156,8 +156,7 @@ class FailureFrames(ArrayFile):
         points: by place in `objects` and in `rigs`, as `0/1`, x, y, z in metres of a thinned cloud
             that has all points on objects, shape (p, 3), float32.
         detections: alike, x, y, z, length, width, height, yaw and score of the lowest seed's, shape
-            (d, 8), float64.
-    """
+            (d, 8), float64."""
 
     FILE: ClassVar[str] = "failures.npz"
 

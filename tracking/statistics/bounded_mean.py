@@ -6,8 +6,7 @@ Laplace's rule of succession for a share, and Bonett and Price's interval (2012)
 of two shares of the same individuals. Student's interval around that centre then covers 93 to 100 %
 at every share and from 6 individuals on (docs/statistics_coverage.md); Wilson's and Clopper and
 Pearson's with the effective number of individuals (Korn and Graubard 1998) are wider, as they need
-that number at the bounds, and take it everywhere.
-"""
+that number at the bounds, and take it everywhere."""
 
 from typing import TypeVar
 

@@ -32,8 +32,7 @@ def guarded(model: Detector) -> AbstractContextManager[None]:
 def checked_losses(model: Detector, losses: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
     """Check the losses of a batch: single numbers, "loss" with a gradient. Raises InputError.
 
-    A number that is not finite is `Optimisation.step`'s to report, which knows the frames.
-    """
+    A number that is not finite is `Optimisation.step`'s to report, which knows the frames."""
     with at(f"{_name(model)}.loss"):
         if not isinstance(losses, Mapping) or not isinstance(losses.get("loss"), Tensor):
             raise InputError(expected='a dict with the tensor "loss"', found=_kind(losses))

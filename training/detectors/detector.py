@@ -40,8 +40,7 @@ def fitted_range(
 
     A network whose frame is `sensor_height` above the ground, not 0, keeps its heights, to which
     its weights belong. Far ends move out to whole numbers of the coarsest cells, whose edges are
-    `cell`, along x, y and, for voxels, z.
-    """
+    `cell`, along x, y and, for voxels, z."""
     low, high = list(preset[:3]), list(preset[3:])
     if wanted is not None:
         axes = 3 if sensor_height == 0 else 2
@@ -95,8 +94,7 @@ class Detector(nn.Module, ABC):
         """Move the objects of a batch to the device of the weights.
 
         Raises:
-            ValueError: a label that is none of the network's. (A GPU would stop for good.)
-        """
+            ValueError: a label that is none of the network's. (A GPU would stop for good.)"""
         unknown = {label for item in labels for label in item.tolist()}
         unknown -= set(range(1, len(self.classes) + 1))
         if unknown:
@@ -116,8 +114,7 @@ class Detector(nn.Module, ABC):
             labels: per frame (M,) int64, from 1.
 
         Raises:
-            ValueError: a label that is none of the network's.
-        """
+            ValueError: a label that is none of the network's."""
 
     @abstractmethod
     def predict(
@@ -131,8 +128,7 @@ class Detector(nn.Module, ABC):
         Args:
             points: per frame (N, 4) float32: x, y, z, intensity; rows that are not finite or lie
                 outside the range are not looked at.
-            selection: in place of the preset's.
-        """
+            selection: in place of the preset's."""
 
 
 def builder(network: Callable[..., Detector], presets: Mapping[str, Any]) -> Build:

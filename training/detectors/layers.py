@@ -63,8 +63,7 @@ def row_layers(
 ) -> nn.Sequential:
     """Layers with batch norm and ReLU on rows (N, inputs), dropout between them.
 
-    They are numbered as in OpenPCDet: 0, 1, 2, dropout 3, 4, 5, 6.
-    """
+    They are numbered as in OpenPCDet: 0, 1, 2, dropout 3, 4, 5, 6."""
     layers: list[nn.Module] = []
     for before, after in pairwise([inputs, *hidden]):
         if layers:

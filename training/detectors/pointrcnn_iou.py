@@ -1,7 +1,6 @@
 """PointRCNN whose second stage scores a box by the IoU that it should have with its object.
 
-OpenPCDet's tools/cfgs/kitti_models/pointrcnn_iou.yaml: only what the scores learn differs.
-"""
+OpenPCDet's tools/cfgs/kitti_models/pointrcnn_iou.yaml: only what the scores learn differs."""
 
 from dataclasses import replace
 

@@ -45,8 +45,7 @@ class FirstStage:
 class VoxelDetector(Detector):
     """Voxels, a sparse 3D backbone, a 2D backbone and an anchor head.
 
-    Raises ValueError if the range is too low for the backbone's strides.
-    """
+    Raises ValueError if the range is too low for the backbone's strides."""
 
     def __init__(
         self,

@@ -20,8 +20,7 @@ def ball_query(
 
     Points `xyz` (N, 3) and `new_xyz` (M, 3) are finite, frame after frame, `counts` and
     `new_counts` (B,) of them. Returns rows of `xyz`, (M, S) int64; the first repeats where there
-    are fewer, all are 0 where there is none. And which new points have no neighbour, (M,) bool.
-    """
+    are fewer, all are 0 where there is none. And which new points have no neighbour, (M,) bool."""
     search = _query_numba if xyz.is_cpu else _query_torch
     return search(radius, samples, xyz.detach(), counts, new_xyz.detach(), new_counts)
 
@@ -62,8 +61,7 @@ def _query_kernel(radius, squared, xyz, new_xyz, idx, empty):
     """Search the points of a frame for the neighbours of `new_xyz`.
 
     The rows of the nine columns around a new point are merged in rising order, and the search ends
-    with the last sample: its cost depends little on the number of points.
-    """
+    with the last sample: its cost depends little on the number of points."""
     low, width, nx, ny, first, rows = _columns(radius, xyz)
     head, tail = np.empty(9, np.int64), np.empty(9, np.int64)
     for m in range(len(new_xyz)):
@@ -119,8 +117,7 @@ def _query_numba(radius, samples, xyz, counts, new_xyz, new_counts) -> tuple[Ten
 def _query_torch(radius, samples, xyz, counts, new_xyz, new_counts) -> tuple[Tensor, Tensor]:
     """Search for new points of all frames in blocks, each among the points of its frame.
 
-    The frames in a block are of similar size, so that padding at most doubles the work.
-    """
+    The frames in a block are of similar size, so that padding at most doubles the work."""
     idx = torch.zeros(len(new_xyz), samples, dtype=torch.int64, device=xyz.device)
     empty = torch.ones(len(new_xyz), dtype=torch.bool, device=xyz.device)
     squared = torch.tensor(radius, dtype=xyz.dtype, device=xyz.device).square()

@@ -15,8 +15,7 @@ _CLIPPED = 1 << 19  # pairs that are clipped at once
 def iou_3d(a: Tensor, b: Tensor) -> Tensor:
     """IoU of the volumes of boxes (N, 7) and (M, 7), shape (N, M), in the dtype of `a`.
 
-    Raises ValueError for a wrong shape, a negative size or a value not finite.
-    """
+    Raises ValueError for a wrong shape, a negative size or a value not finite."""
     if not a.is_cpu:
         return _iou_torch(a, b).to(a.dtype)
     return torch.from_numpy(rotated_iou.iou_3d(a.detach().numpy(), b.detach().numpy())).to(a.dtype)
@@ -84,8 +83,7 @@ def _clip(x: Tensor, y: Tensor, inside: Tensor) -> tuple[Tensor, Tensor]:
     """Cut convex polygons (P, V) to where `inside` (P, V) is not negative, shape (P, V + 1).
 
     One step of Sutherland and Hodgman, 1974. Spare vertices repeat the first one, which leaves the
-    area as it is; a polygon that is cut away is one point.
-    """
+    area as it is; a polygon that is cut away is one point."""
     following = inside.roll(-1, 1)
     t = inside / torch.where(inside == following, 1, inside - following)
     crossing_x, crossing_y = x + t * (x.roll(-1, 1) - x), y + t * (y.roll(-1, 1) - y)

@@ -39,8 +39,7 @@ def counting_sort(
 def group(features: Tensor, idx: Tensor) -> Tensor:
     """Select rows `idx` (M, S) of `features` (N, C), shape (M, S, C); zeros without features.
 
-    Gradients flow to `features`.
-    """
+    Gradients flow to `features`."""
     if len(features) == 0:
         return features.new_zeros(*idx.shape, features.shape[1])
     return features.index_select(0, idx.flatten()).view(*idx.shape, features.shape[1])
@@ -50,8 +49,7 @@ def first_hits(mask: Tensor, samples: int) -> tuple[Tensor, Tensor]:
     """Find the columns of the first `samples` true entries of each row of `mask` (M, N).
 
     Returns (M, samples) int64, of which row i has `counts[i]` columns in rising order, then 0, and
-    counts (M,) int64, at most `samples`.
-    """
+    counts (M,) int64, at most `samples`."""
     # No nonzero(): a GPU's host would have to wait for the number of hits.
     wanted = torch.arange(1, samples + 1, dtype=torch.int32, device=mask.device)
     wanted = wanted.repeat(len(mask), 1)

@@ -15,8 +15,7 @@ def three_nn(
 
     Points (M, 3) and places (N, 3) are finite, frame after frame, `counts` and `place_counts` (B,)
     of them. Returns distances, (M, 3), metres, and rows of `places`, (M, 3) int64. A frame with
-    fewer than three places fills up with distance infinity and row 0.
-    """
+    fewer than three places fills up with distance infinity and row 0."""
     search = _nearest_numba if points.is_cpu else _nearest_torch
     distances = torch.full_like(points.detach(), torch.inf)
     idx = torch.zeros(points.shape, dtype=torch.int64, device=points.device)
@@ -39,8 +38,7 @@ def _nearest_kernel(points, places, axis, order, starts, distances, idx):
     """Search outwards along `axis`, in which `order` sorts `places`, until it alone is too far.
 
     The search for a point begins at its place `starts` in that order. Of equally near places the
-    lowest rows count, as upstream.
-    """
+    lowest rows count, as upstream."""
     near, along = distances.shape[1], places[:, axis][order]
     distances[:] = np.inf
     for m in range(len(points)):
@@ -97,8 +95,7 @@ def _nearest_torch(points: Tensor, places: Tensor, near: int) -> tuple[Tensor, T
 def inverse_distance_weights(distances: Tensor) -> Tensor:
     """Weights (M, 3) of `three_nn`'s places, 1 / distance and 1 in sum; 0 without places.
 
-    PointNet++ (Qi et al., NeurIPS 2017), equation (2) with p = 1.
-    """
+    PointNet++ (Qi et al., NeurIPS 2017), equation (2) with p = 1."""
     inverse = 1 / (distances + 1e-8)
     return inverse / inverse.sum(dim=1, keepdim=True).clamp_min(torch.finfo(inverse.dtype).tiny)
 

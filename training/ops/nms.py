@@ -17,8 +17,7 @@ def nms(
     `threshold`. Equal scores keep their order. Only the `pre` highest scores take part, at most
     `post` boxes are kept (OpenPCDet's NMS_PRE_MAXSIZE and NMS_POST_MAXSIZE).
 
-    Raises ValueError if a box that takes part has a negative size or is not finite.
-    """
+    Raises ValueError if a box that takes part has a negative size or is not finite."""
     order = scores.detach().argsort(descending=True, stable=True)[:pre]
     best = boxes.detach()[order]
     if not best.is_cpu:
@@ -31,8 +30,7 @@ def _unsuppressed_torch(boxes: Tensor, threshold: float) -> Tensor:
 
     All survive at first; then each that no survivor before it overlaps, again and again until
     nothing changes: as many rounds as the longest chain of boxes has links, few in practice (Zheng
-    et al., Cluster NMS, 2020).
-    """
+    et al., Cluster NMS, 2020)."""
     boxes = checked(boxes)
     count = len(boxes)
     overlaps = torch.zeros(count, count, dtype=torch.bool, device=boxes.device)

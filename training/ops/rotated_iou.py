@@ -14,8 +14,7 @@ def _clip(polygon, count, axis, sign, limit, clipped):
     """Keep the part of a polygon with `sign * coordinate <= limit`; return its vertex count.
 
     Polygons have x and y of their vertices, (2, 8) or more. One step of I. Sutherland and
-    G. Hodgman, Reentrant polygon clipping, 1974.
-    """
+    G. Hodgman, Reentrant polygon clipping, 1974."""
     vertices = 0
     for i in range(count):
         j = i + 1 if i + 1 < count else 0
@@ -36,8 +35,7 @@ def _bev_intersection(a, b, work):
     """Area common to two rotated rectangles; `work` is space for two polygons, see `_clip`.
 
     Works in the frame of `a`, so that far coordinates cost no digits and `a` is a plain interval
-    in x and in y.
-    """
+    in x and in y."""
     polygon, clipped = work[0], work[1]
     dx, dy = b[0] - a[0], b[1] - a[1]
     reach = math.hypot(a[3], a[4]) + math.hypot(b[3], b[4])
@@ -100,8 +98,7 @@ def _matrix_kernel(a, b, three_d) -> NDArray[np.float64]:
 def _could_exceed(a, b, cos_a, sin_a, cos_b, sin_b, threshold):
     """Test by the bounds of `b` along `a` if the IoU from above may be greater than `threshold`.
 
-    No trigonometry and no clipping, and false for almost all pairs that do not exceed it.
-    """
+    No trigonometry and no clipping, and false for almost all pairs that do not exceed it."""
     dx, dy = b[0] - a[0], b[1] - a[1]
     x, y = abs(cos_a * dx + sin_a * dy), abs(cos_a * dy - sin_a * dx)
     cos = abs(cos_a * cos_b + sin_a * sin_b)
@@ -153,8 +150,7 @@ def iou_bev(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
 
     Two boxes without area have IoU 0.
 
-    Raises ValueError for a wrong shape, a negative size or a value not finite.
-    """
+    Raises ValueError for a wrong shape, a negative size or a value not finite."""
     return _matrix_kernel(checked(a), checked(b), False)
 
 
@@ -166,8 +162,7 @@ def iou_3d(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
 def paired_iou(a: ArrayLike, b: ArrayLike, three_d: bool) -> NDArray[np.float64]:
     """IoU of row i of `a` (P, 7) with row i of `b` (P, 7), shape (P,), in 3D or from above.
 
-    Raises ValueError as `iou_bev` does, and if the lengths differ.
-    """
+    Raises ValueError as `iou_bev` does, and if the lengths differ."""
     a, b = checked(a), checked(b)
     if len(a) != len(b):
         raise InputError(key="b", expected=f"{len(a)} boxes, as in a", found=len(b))
@@ -178,6 +173,5 @@ def unsuppressed(boxes: ArrayLike, threshold: float, limit: int) -> NDArray[np.i
     """Rows of `boxes` (N, 7) that survive when each survivor removes later boxes that overlap it.
 
     A box is removed at an IoU from above greater than `threshold`, at least 0; at most `limit`
-    survive.
-    """
+    survive."""
     return _suppression_kernel(checked(boxes), float(threshold), limit)

@@ -20,8 +20,7 @@ def furthest_point_sample(xyz: Tensor, counts: Tensor, samples: int) -> tuple[Te
     OpenPCDet's CUDA kernel takes. Points (N, 3) are finite, frame after frame, `counts` (B,) each.
 
     Returns rows of `xyz`, int64, `samples` for each frame that has points; a frame with fewer
-    repeats its rows in their order. And the chosen points of each frame, (B,) int64.
-    """
+    repeats its rows in their order. And the chosen points of each frame, (B,) int64."""
     search = _furthest_numba if xyz.is_cpu else _furthest_torch
     rows = search(xyz.detach(), counts.tolist(), samples)
     return rows, torch.where(counts > 0, samples, 0)
@@ -32,8 +31,7 @@ def _tie_order(count: int, device: torch.device) -> Tensor:
 
     Thread t of a block looks at rows t, t + threads, … and keeps the first; a tree that halves the
     block then prefers the thread whose number is smallest when its bits are read backwards. Fewer
-    points stand in the same order: a smaller block reads fewer bits, of smaller numbers.
-    """
+    points stand in the same order: a smaller block reads fewer bits, of smaller numbers."""
     threads = min(1 << (count.bit_length() - 1), _THREADS)
     backwards = torch.zeros(1, dtype=torch.int64, device=device)
     while len(backwards) < threads:
@@ -49,8 +47,7 @@ def _furthest_rows(xyz: NDArray[np.floating], samples: int) -> NDArray[np.int64]
     Points are packed into boxes of about √N neighbours, strips along x cut along y (S. Leutenegger
     et al., STR: a simple and efficient algorithm for R-tree packing, 1997). A box that the new
     point cannot bring closer is left alone; rounding is monotonic, so the result is that of the
-    full search to the last bit.
-    """
+    full search to the last bit."""
     count = len(xyz)
     size = max(16, int(np.sqrt(count)))
     starts = np.arange(0, count, size)
@@ -71,8 +68,7 @@ def _furthest_kernel(xyz, packed, rows, size, low, high, chosen):
     """Fill `chosen` from its second row on.
 
     `packed` (3, N) are the points of `rows`, box by box, `low` and `high` (boxes, 3) the corners of
-    each box of `size`.
-    """
+    each box of `size`."""
     count, boxes = len(rows), len(low)
     x, y, z = packed[0], packed[1], packed[2]
     distance = np.full(count, np.inf, xyz.dtype)

@@ -3,8 +3,7 @@
 Graham et al., 3D semantic segmentation with submanifold sparse convolutional networks, CVPR 2018.
 For every position of the kernel the input rows that take part are gathered and multiplied by that
 position's weights; then every output row sums its products. The sum is taken in a fixed order, so
-that the result is the same in every run, on a GPU too.
-"""
+that the result is the same in every run, on a GPU too."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -47,8 +46,7 @@ class SparseTensor:
 class _Convolution(torch.autograd.Function):
     """Convolution of input rows (N, in) by weights (out, K, in) and a table of pairs.
 
-    The gathered rows are not kept for the backward pass: they are many times the input.
-    """
+    The gathered rows are not kept for the backward pass: they are many times the input."""
 
     @staticmethod
     def forward(ctx: FunctionCtx, features: Tensor, weight: Tensor, rules: Rules) -> Tensor:

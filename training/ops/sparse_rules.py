@@ -1,7 +1,6 @@
 """Pairs of input and output rows of sparse convolutions, for each position of the kernel.
 
-What torch does slowly on a CPU is done in numba there; both give the same tables.
-"""
+What torch does slowly on a CPU is done in numba there; both give the same tables."""
 
 from dataclasses import dataclass
 
@@ -30,8 +29,7 @@ class Rules:
 def submanifold_rules(coordinates: Tensor, shape: Triple, kernel: Triple) -> Rules:
     """Pair the sites that are neighbours: input and output have the same sites.
 
-    Coordinates frame, z, y, x (N, 4), int64, are sorted, the sizes of `kernel` odd.
-    """
+    Coordinates frame, z, y, x (N, 4), int64, are sorted, the sizes of `kernel` odd."""
     device = coordinates.device
     # A margin around the grid: what lies beyond an edge must not be taken for a cell of the next
     # row of cells.

@@ -31,8 +31,7 @@ def voxel_query(
 
     At most `reach` steps away along z, y, x, and their centres `radius` metres. New points (M, 3)
     have coordinates (M, 4) as the voxels have, which may lie outside. Returns rows and which new
-    points have no neighbour, as `ball_query` does.
-    """
+    points have no neighbour, as `ball_query` does."""
     search = _query_numba if voxels.xyz.is_cpu else _query_torch
     voxels = voxels._replace(xyz=voxels.xyz.detach())
     return search(reach, radius, samples, voxels, new_xyz.detach(), new_coordinates)

@@ -33,8 +33,7 @@ def check_detections(
         accept: checks whose implausible values are accepted.
         accepting: how a user accepts one, {} being its name.
 
-    Returns cautions, a line each. Raises InputError for a value that is certain.
-    """
+    Returns cautions, a line each. Raises InputError for a value that is certain."""
 
     def error_of(value: ImplausibleValue) -> InputError:
         fix = f"{value.remedy}, or accept the values: {accepting.format(value.check)}"

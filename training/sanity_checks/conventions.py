@@ -1,7 +1,6 @@
 """Other conventions of axes, angles, units and frames, under which detections may fit the labels.
 
-From above first, where the height decides nothing; then the height.
-"""
+From above first, where the height decides nothing; then the height."""
 
 import math
 from collections.abc import Collection, Iterator

@@ -36,8 +36,7 @@ class Sample:
         labels: of the chosen frames, sorted by frame.
         place: place in `chosen` of the frame of each label.
         detections: of all frames.
-        frame: place in `frames` of the frame of each detection.
-    """
+        frame: place in `frames` of the frame of each detection."""
 
     frames: pd.DataFrame
     chosen: NDArray[np.int64]
@@ -51,8 +50,7 @@ class Sample:
         """Choose as many frames with labels as `MOST_PAIRS` allows, at least one if there is any.
 
         Detections and labels have `frame`, `class` and `GEOMETRY`; those of other frames are left
-        out.
-        """
+        out."""
         frames = frames.sort_values("frame", ignore_index=True)
         number = pd.Series(frames.index, frames["frame"].to_numpy())
         labels, detections = (t[t["frame"].isin(number.index)] for t in (labels, detections))

@@ -78,8 +78,7 @@ def carla(
 ) -> None:
     """Collect a box log, and the clouds of placements, from a running CARLA server.
 
-    Existing results in OUT are kept. An unreachable server is an invalid input.
-    """
+    Existing results in OUT are kept. An unreachable server is an invalid input."""
     try:
         content = read_yaml_file(config) or {}
         options = {"host": host, "port": port, "timeout_s": timeout}

@@ -6,8 +6,7 @@ blocks, which a hash table finds by their keys:
 
 1. `count_points` counts the points of a frame in their cells, and adds blocks for them.
 2. `count_passes` follows rays from block to block, and through the cells of each.
-3. `static_cells` selects the cells that enough frames hit and that stop enough rays.
-"""
+3. `static_cells` selects the cells that enough frames hit and that stop enough rays."""
 
 import math
 from typing import NamedTuple

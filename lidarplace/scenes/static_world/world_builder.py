@@ -4,8 +4,7 @@
 2. Tiles that the vehicle leaves behind are condensed, so memory does not grow with the points:
    cells that enough frames hit and that stop enough of their rays stand still.
 3. The lowest cells of each column are ground where it grows from under the path (`ground`).
-4. What stands out of the ground is the world.
-"""
+4. What stands out of the ground is the world."""
 
 from collections import defaultdict
 from collections.abc import Iterable

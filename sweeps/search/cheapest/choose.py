@@ -23,8 +23,7 @@ with one that sees the place in question. Coverage, mounts that are off, and wha
 exclude that very rig; LiDARs that others blind or cover exclude all that hold them.
 Other choices of the same cost with the most to spare are tried first. The first rig that is judged
 and costs what the programme does at least is the cheapest of the grid. Then the same rows, and a
-limit on the cost, prove how many LiDARs such a rig has at least.
-"""
+limit on the cost, prove how many LiDARs such a rig has at least."""
 
 import itertools
 import math

@@ -195,8 +195,7 @@ def detect_task(
     """Return the task of the detections that `evaluate` compares, without kept clouds.
 
     `evaluate`: of a rig whose clouds are simulated. `first`, `every`: frames `first`, `first +
-    every` … of each part of the scene.
-    """
+    every` … of each part of the scene."""
     network, (weights, *inputs) = evaluate.stage, evaluate.inputs
     assert isinstance(network, EvaluateStage)
     collected = tasks_of(CollectStage, inputs)

@@ -31,8 +31,7 @@ def write_decision(
     """Write the page into the folder of the run, or remove that of an earlier run.
 
     The first group with results is drawn. None without results: there is nothing to decide by.
-    `failures` is the section of what the best rig and the next one find alone.
-    """
+    `failures` is the section of what the best rig and the next one find alone."""
     run = analysis.run
     if (answer := analysis.answer) is None:
         (run.path / FILE).unlink(missing_ok=True)
@@ -74,8 +73,7 @@ def recall_and_ap_section(
 ) -> Section:
     """Draw AP of every class and the recall of all objects with intervals, the best rig on top.
 
-    With `enough` evidence it also says how likely each rig is to be the best.
-    """
+    With `enough` evidence it also says how likely each rig is to be the best."""
     compared, columns = for_comparison(recommended.group.of(means)), {}
     results, ranking = recommended.run.results, recommended.ranking
     for name in ranking:

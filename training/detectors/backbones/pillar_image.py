@@ -5,8 +5,7 @@ are linear in ten terms: its offset from the pillar's centre (3), its intensity,
 of the pillar share: its centre (3), and the offset of their mean from there (3). Batch norm keeps
 or turns round the order of the values of a channel. So the maximum over the pillar is that of four
 products a point and channel, the rest is added once, and statistics of a batch follow from the sums
-of the terms and of their products. Points stay unsorted.
-"""
+of the terms and of their products. Points stay unsorted."""
 
 from __future__ import annotations
 
@@ -28,8 +27,7 @@ def pillar_image(frames: Sequence[Tensor], encoder: PillarEncoder) -> Tensor:
     """Encode frames of points (N, 4) as an image (frames, C, ny, nx), channels last in memory.
 
     It is that of `scatter`, up to rounding. Gradients flow to the encoder's weights, not to the
-    points.
-    """
+    points."""
     layer = cast(PillarFeatureLayer, encoder.pfn_layers[0])
     parameters = (layer.linear.weight, layer.norm.weight, layer.norm.bias)
     learns = layer.norm.training or torch.is_grad_enabled()
@@ -42,8 +40,7 @@ class _Features(torch.autograd.Function):
 
     g: the gradient at the output of batch norm, of the points that are a maximum alone; u: the ten
     terms of a point; V: their weights; x: normalised values. Then
-    dL/dV = γ/σ (Σ g u - mean(g) Σ u - mean(g x) Σ x u), and Σ x u = (V Σ u uᵀ - μ Σ u)/σ.
-    """
+    dL/dV = γ/σ (Σ g u - mean(g) Σ u - mean(g x) Σ x u), and Σ x u = (V Σ u uᵀ - μ Σ u)/σ."""
 
     @staticmethod
     def forward(
@@ -57,8 +54,7 @@ class _Features(torch.autograd.Function):
     ) -> tuple[Tensor, Tensor]:
         """Features (P, C) of the pillars, and their cells (P,).
 
-        `learns`: there will be a backward pass, or statistics are of the batch.
-        """
+        `learns`: there will be a backward pass, or statistics are of the batch."""
         grid, norm = encoder.grid, cast(PillarFeatureLayer, encoder.pfn_layers[0]).norm
         points = np.concatenate([np.zeros((0, 4), np.float32), *(f.cpu().numpy() for f in frames)])
         ends = np.cumsum([len(frame) for frame in frames])
@@ -145,8 +141,7 @@ def _follow_batch(
     """Mean and variance (C,) of a batch of `rows`, towards which running statistics move.
 
     `weights` (C, 10) are of the terms, `total` (10,) and `squares` (10, 10) the sums of the terms
-    and of their products.
-    """
+    and of their products."""
     mean = weights @ total / rows
     spread = squares / rows - np.outer(total, total) / rows**2
     variance = np.maximum(np.einsum("ci,ij,cj->c", weights, spread, weights), 0)
@@ -163,8 +158,7 @@ def _collect(points, cells, ends, centres, limits, weights, products):
 
     Returns their cells as of `PillarBatch`, and numbers of points, (P,); the sums of the offset
     from the centre and of intensity over their points, (P, 4); the largest sum of the four
-    products, (P, C), and the row of its point, which is anything where nothing is learnt.
-    """
+    products, (P, C), and the row of its point, which is anything where nothing is learnt."""
     (columns, rows, height), (max_points, max_pillars) = centres, limits
     channels = weights.shape[1]
     most = min(len(points), len(ends) * min(max_pillars, len(columns) * len(rows)))

@@ -2,8 +2,7 @@
 
 PointPillars (Lang et al., CVPR 2019), section 2.1. Upstream pads the points of a pillar to a fixed
 number: zero rows go through batch norm and take part in the maximum. Here this is done in closed
-form.
-"""
+form."""
 
 import math
 from collections.abc import Sequence
@@ -162,8 +161,7 @@ class PillarEncoder(nn.Module):
     """Encoder of the points of each pillar as one feature vector.
 
     A point's features are x, y, z, intensity, its offset from the mean of the pillar's points and
-    from the pillar's centre.
-    """
+    from the pillar's centre."""
 
     def __init__(self, grid: PillarGrid, filters: int, momentum: float) -> None:
         super().__init__()

@@ -11,8 +11,7 @@ NEAR = 40.0  # points beyond this distance are few and all kept where possible, 
 def within(points: Tensor, point_range: PointRange) -> Tensor:
     """Select the finite rows of `points` (N, 4) in the range of x and y, its border included.
 
-    At any height, as in OpenPCDet: only voxels end at the range's top and bottom.
-    """
+    At any height, as in OpenPCDet: only voxels end at the range's top and bottom."""
     low, high = points.new_tensor(point_range[:2]), points.new_tensor(point_range[3:5])
     inside = ((points[:, :2] >= low) & (points[:, :2] <= high)).all(dim=1)
     return points[inside & points.isfinite().all(dim=1)]
@@ -25,8 +24,7 @@ def sample_points(points: Tensor, number: int, training: bool) -> Tensor:
     many, a random choice of all. Too few: every point as often as another, but for one time.
 
     Training draws from torch's default generator. Evaluation makes the same choice for the same
-    numbers of points, and takes exactly `number` points as they are.
-    """
+    numbers of points, and takes exactly `number` points as they are."""
     count = len(points)
     if count == 0 or (count == number and not training):
         return points

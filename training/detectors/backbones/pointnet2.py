@@ -1,7 +1,6 @@
 """PointNet++ with multi-scale grouping: features of every point of a cloud.
 
-PointNet++ (Qi et al., NeurIPS 2017), as PointRCNN (Shi et al., CVPR 2019) uses it.
-"""
+PointNet++ (Qi et al., NeurIPS 2017), as PointRCNN (Shi et al., CVPR 2019) uses it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

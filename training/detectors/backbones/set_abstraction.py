@@ -1,8 +1,7 @@
 """Set abstraction: features of chosen places from the points around them.
 
 PointNet++ (Qi et al., NeurIPS 2017), sections 3.2 and 3.3. Point sets are stacked: rows of one
-frame after those of another, and the number of rows of each.
-"""
+frame after those of another, and the number of rows of each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,8 +53,7 @@ class SetAbstraction(nn.Module):
     """Features of places: at each of several radii, a PointMlp's maximum over the points nearby.
 
     A point enters with its offset from the place and its `inputs`. A ball without points enters
-    as one point whose offset and features are 0, as in OpenPCDet.
-    """
+    as one point whose offset and features are 0, as in OpenPCDet."""
 
     def __init__(self, inputs: int, balls: BallSettings) -> None:
         super().__init__()
@@ -68,8 +66,7 @@ class SetAbstraction(nn.Module):
     ) -> Tensor:
         """Features (M, outputs) of places `new_xyz` (M, 3) from points `xyz` (N, 3).
 
-        `counts`, `new_counts`: points and places of each frame, (B,), int64.
-        """
+        `counts`, `new_counts`: points and places of each frame, (B,), int64."""
         scales = []
         for radius, samples, mlp in zip(self.radii, self.samples, self.mlps, strict=True):
             assert isinstance(mlp, PointMlp)

@@ -29,8 +29,7 @@ class VoxelBackBone8x(nn.Module):
     """Sparse convolutions from voxels to a grid of 1/8 of their number in x and y.
 
     Yan et al., SECOND: sparsely embedded convolutional detection, Sensors 2018, section 3.1.2.
-    `channels` are those of the four scales and of the result.
-    """
+    `channels` are those of the four scales and of the result."""
 
     def __init__(
         self, inputs: int, channels: tuple[int, int, int, int, int], momentum: float = 0.01

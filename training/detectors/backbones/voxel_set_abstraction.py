@@ -1,7 +1,6 @@
 """Voxel set abstraction: a cloud in few keypoints, with features from every scale around them.
 
-PV-RCNN (Shi et al., CVPR 2020), section 3.2.
-"""
+PV-RCNN (Shi et al., CVPR 2020), section 3.2."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -44,8 +43,7 @@ class Keypoints:
 class VoxelSetAbstraction(nn.Module):
     """Keypoints by furthest point sampling; features from the image, the points and the voxels.
 
-    The finest voxels are those of `grid`, `channels` those of SCALES, `bev` those of the image.
-    """
+    The finest voxels are those of `grid`, `channels` those of SCALES, `bev` those of the image."""
 
     def __init__(
         self, settings: KeypointSettings, grid: VoxelGrid, channels: Sequence[int], bev: int
@@ -68,8 +66,7 @@ class VoxelSetAbstraction(nn.Module):
         """Keypoints of frames of points (N, 4), float32, finite and in the range.
 
         `scales` are SCALES of the sparse backbone, `bev` (B, bev, ny, nx) the encoded grid from
-        above.
-        """
+        above."""
         counts = torch.tensor([len(frame) for frame in points], device=bev.device)
         stacked = torch.cat(list(points))
         rows, keypoint_counts = furthest_point_sample(stacked[:, :3], counts, self.keypoints)
@@ -100,8 +97,7 @@ class VoxelSetAbstraction(nn.Module):
 def mixed(voxels: SparseTensor) -> SparseTensor:
     """Mix the voxels of each frame in an order that depends on their places alone.
 
-    A ball keeps its first voxels. In the order of a SparseTensor they would be its lowest ones.
-    """
+    A ball keeps its first voxels. In the order of a SparseTensor they would be its lowest ones."""
     frame, z, y, x = voxels.coordinates.unbind(dim=1)
     # Multiplicative hashing (Knuth, The art of computer programming 3).
     key = ((z << 42) + (y << 21) + x) * -7046029254386353131
@@ -115,8 +111,7 @@ def sample_image(image: Tensor, frame: Tensor, place: Tensor) -> Tensor:
     """Features (K, C) of an image (B, C, ny, nx) at places between its cells, bilinear.
 
     Places (K, 2) are in cells of their `frame` (K,). As in OpenPCDet, features lie at the cells'
-    lower corners and count nothing beyond the last.
-    """
+    lower corners and count nothing beyond the last."""
     ny, nx = image.shape[2:]
     last = torch.tensor([nx - 1, ny - 1], device=place.device)
     low = place.floor().long()

@@ -92,8 +92,7 @@ def voxelise(
     """Average the points (M, 4) in each voxel, (N, 4) float32; points outside are dropped.
 
     A point on the far face of the range is outside, one that is not finite too. The first points
-    of a voxel and the first voxels of a frame are kept, as OpenPCDet's voxeliser does.
-    """
+    of a voxel and the first voxels of a frame are kept, as OpenPCDet's voxeliser does."""
     low, size = (np.array(item, np.float32) for item in (grid.point_range[:3], grid.size))
     unlimited = np.iinfo(np.int64).max
     max_points = grid.max_points or unlimited

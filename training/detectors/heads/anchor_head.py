@@ -75,8 +75,7 @@ class AnchorHead(nn.Module):
     def loss(self, output: HeadOutput, targets: Sequence[Targets]) -> dict[str, Tensor]:
         """Compute "loss" and its parts classification, location, direction, means over frames.
 
-        Each frame's losses are divided by its number of anchors with an object, at least 1.
-        """
+        Each frame's losses are divided by its number of anchors with an object, at least 1."""
         positives = torch.tensor([max(1, len(item.positive)) for item in targets])
         share = (1 / positives.to(output.logits)) / len(targets)
         label = torch.stack([item.labels for item in targets])
@@ -105,8 +104,7 @@ class AnchorHead(nn.Module):
     def decode_likely(self, output: HeadOutput, lowest: float) -> list[tuple[Tensor, Tensor]]:
         """Decode per frame the anchors with some logit of at least `lowest`, in their order.
 
-        Logits (P, C) and boxes (P, 7): few of the anchors are near an object.
-        """
+        Logits (P, C) and boxes (P, 7): few of the anchors are near an object."""
         frame, anchor = (output.logits.amax(dim=2) >= lowest).nonzero(as_tuple=True)
         anchors = self.anchors.reshape(-1, 7)[anchor]
         boxes = _boxes(output.residuals[frame, anchor], output.directions[frame, anchor], anchors)

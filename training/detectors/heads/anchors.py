@@ -63,8 +63,7 @@ class AnchorPreset:
     def with_typical(self, typical: Sequence[TypicalObject]) -> Self:
         """The preset with anchors like these objects for their classes.
 
-        An anchor learns from the same overlaps as the one of the preset whose area is nearest.
-        """
+        An anchor learns from the same overlaps as the one of the preset whose area is nearest."""
 
         def like(item: TypicalObject) -> AnchorClass:
             def difference(anchor: AnchorClass) -> float:
@@ -84,8 +83,7 @@ def anchor_grid(
     """Lay out all anchors, shape (ny, nx, number of classes × rotations, 7), float32.
 
     `shape` is nx, ny of the head's feature map. Anchors that are not `centred` in its cells are
-    spread from edge to edge of the range, as in OpenPCDet's KITTI models (align_center).
-    """
+    spread from edge to edge of the range, as in OpenPCDet's KITTI models (align_center)."""
     # Rounded step for step as in OpenPCDet, whose range is float32: which anchors tie for an object
     # depends on the last bit.
     corners = np.array(point_range, np.float32)
@@ -122,8 +120,7 @@ def assign_targets(
     the IoU from above of boxes turned to the nearest multiple of 90 degrees.
 
     The objects of the frame are boxes (M, 7) and labels (M,), from 1 in order of `classes`. Returns
-    targets where they are.
-    """
+    targets where they are."""
     label_of, objects = labels.cpu().numpy(), boxes.to(anchors)
     places, sides = objects[:, :2].T, _halves(objects)
     edges = torch.cat([places - sides, places + sides]).numpy()
@@ -153,8 +150,7 @@ def _overlaps(x, y, halves, edges, objects):
     """Largest overlap of each anchor, with which object, and whether it is that one's best.
 
     Anchors have `x` (nx, R) by column and `y` (ny, R) by row of the grid, and half their sides in
-    `halves` (2, R); `edges` (4, M) are lowest x and y, then highest, of all objects.
-    """
+    `halves` (2, R); `edges` (4, M) are lowest x and y, then highest, of all objects."""
     shape = len(y), len(x), x.shape[1]
     best = np.zeros(shape, x.dtype)
     target = np.zeros(shape, np.int64)

@@ -10,8 +10,7 @@ def encode(boxes: Tensor, anchors: Tensor) -> Tensor:
     """Residuals (…, 7) of boxes (…, 7) to anchors (…, 7): SECOND (Sensors 2018), equation (1).
 
     Offsets in x and y over the anchor's diagonal, in z over its height, logarithms of the ratios of
-    sizes, difference of yaw.
-    """
+    sizes, difference of yaw."""
     size, anchor_size = (item[..., 3:6].clamp_min(_SMALLEST) for item in (boxes, anchors))
     offset = (boxes[..., :3] - anchors[..., :3]) / _scale(anchor_size)
     yaw = boxes[..., 6:] - anchors[..., 6:]

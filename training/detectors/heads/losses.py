@@ -21,8 +21,7 @@ class Targets:
 def sigmoid_focal_loss(logits: Tensor, targets: Tensor, alpha: float = 0.25) -> Tensor:
     """Focal loss, gamma = 2, of every element, same shape; targets are 0 or 1.
 
-    Lin et al., Focal loss for dense object detection, ICCV 2017.
-    """
+    Lin et al., Focal loss for dense object detection, ICCV 2017."""
     # 1 - p where the target is 1, p where it is 0.
     wrong = (torch.sigmoid(logits) - targets).abs()
     weight = ((1 - alpha) + (2 * alpha - 1) * targets) * wrong.square()
@@ -32,8 +31,7 @@ def sigmoid_focal_loss(logits: Tensor, targets: Tensor, alpha: float = 0.25) -> 
 def sine_smooth_l1(predicted: Tensor, target: Tensor) -> Tensor:
     """Smooth L1 loss of residuals (P, 7), shape (P, 7), with sin(Δyaw) in place of Δyaw.
 
-    SECOND (Sensors 2018), section 3.2.2: a box turned by 180° costs nothing.
-    """
+    SECOND (Sensors 2018), section 3.2.2: a box turned by 180° costs nothing."""
     difference = predicted - target
     # The form of upstream, sin a cos b - cos a sin b, loses digits that sin(a - b) keeps.
     difference = torch.cat([difference[:, :6], torch.sin(difference[:, 6:])], dim=1)

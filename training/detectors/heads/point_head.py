@@ -21,8 +21,7 @@ EXTRA = 0.2
 def point_targets(xyz: Tensor, counts: Tensor, boxes: Rows, labels: Rows) -> Targets:
     """Give each of the points (N, 3), `counts` (B,) a frame, the object in which it lies.
 
-    The objects of a frame are `boxes` (M, 7) and `labels` (M,), from 1.
-    """
+    The objects of a frame are `boxes` (M, 7) and `labels` (M,), from 1."""
     targets, first = [], 0
     frames = zip(xyz.split(counts.tolist()), boxes, labels, strict=True)
     for points, frame_boxes, frame_labels in frames:
@@ -49,8 +48,7 @@ def point_layers(inputs: int, hidden: Sequence[int], outputs: int) -> nn.Sequent
 def segmentation_loss(logits: Tensor, labels: Tensor) -> Tensor:
     """Focal loss of logits (N, C) and labels (N,) of Targets, over the points on objects.
 
-    With C = 1 all labels above 0 are the same.
-    """
+    With C = 1 all labels above 0 are the same."""
     classes = logits.shape[1]
     one_hot = functional.one_hot(labels.clamp(0, classes), classes + 1)[:, 1:].to(logits)
     weight = (labels >= 0).to(logits) / (labels > 0).sum().clamp_min(1)
@@ -84,8 +82,7 @@ class PointHeadBox(nn.Module):
         inputs: features of a point.
         hidden: outputs of the hidden layers of either branch.
         sizes: length, width, height of a typical object of each class, metres.
-        either_way: a box may as well point backwards: of its two yaws the nearer one is learned.
-    """
+        either_way: a box may as well point backwards: of its two yaws the nearer one is learned."""
 
     sizes: Tensor
 
@@ -127,8 +124,7 @@ def encode_points(boxes: Tensor, xyz: Tensor, sizes: Tensor) -> Tensor:
     """Residuals (P, 8) of boxes (P, 7) to points (P, 3) with sizes (P, 3).
 
     Those of `box_coder.encode` to a box of that size around the point with yaw 0; cosine and sine
-    stand for the yaw.
-    """
+    stand for the yaw."""
     residuals, yaw = encode(boxes, _around(xyz, sizes)).split([6, 1], dim=1)
     return torch.cat([residuals, yaw.cos(), yaw.sin()], dim=1)
 

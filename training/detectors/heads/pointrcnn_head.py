@@ -1,7 +1,6 @@
 """The second stage of PointRCNN: a PointNet++ on the points in each proposal.
 
-PointRCNN (Shi et al., CVPR 2019), section 3.3.
-"""
+PointRCNN (Shi et al., CVPR 2019), section 3.3."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -81,8 +80,7 @@ class PointRCNNHead(RoiHead):
         """Points in each RoI, (B * R, points, 5 + C), zeros in a RoI without any.
 
         Place in the RoI's frame, score, depth, features. No gradient goes back to the first stage,
-        as in OpenPCDet.
-        """
+        as in OpenPCDet."""
         depth = torch.linalg.vector_norm(points.xyz, dim=1) / DEPTH_SCALE - 0.5
         scores_and_depths = torch.stack([points.scores, depth], dim=1)
         rows = torch.cat([scores_and_depths, points.features.to(depth.dtype)], dim=1)
@@ -105,8 +103,7 @@ def pool_points(
     added to its sides before.
 
     Returns coordinates and features, (R, S, 3 + C), zeros where there is no point; and which boxes
-    are empty, (R,) bool. Gradients flow to `features` (N, C).
-    """
+    are empty, (R,) bool. Gradients flow to `features` (N, C)."""
     large = boxes.detach().to(points).clone()
     large[:, 3:6] += extra
     idx = torch.zeros(len(boxes), samples, dtype=torch.int64, device=points.device)

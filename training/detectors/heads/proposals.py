@@ -35,8 +35,7 @@ def propose(
     """Choose the best of `boxes` (A, 7) with `logits` (A, C) of every frame, best first.
 
     Suppression is class-agnostic. A box that is not finite cannot be looked at again and is no
-    proposal.
-    """
+    proposal."""
     frames = [_propose_in_frame(*frame, suppression) for frame in zip(logits, boxes, strict=True)]
     return Proposals(*map(torch.stack, zip(*frames, strict=True)))
 

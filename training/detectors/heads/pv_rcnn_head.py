@@ -1,7 +1,6 @@
 """The second stage of PV-RCNN: keypoints pooled to a grid in each RoI.
 
-PV-RCNN (Shi et al., CVPR 2020), section 3.3.
-"""
+PV-RCNN (Shi et al., CVPR 2020), section 3.3."""
 
 from dataclasses import dataclass
 

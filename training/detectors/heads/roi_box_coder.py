@@ -1,8 +1,7 @@
 """Boxes in the frame of a RoI, and as residuals to it.
 
 The frame of a RoI has its origin at the RoI's centre and its x axis along the RoI's length
-(Shi et al., PointRCNN, CVPR 2019, section 3.3).
-"""
+(Shi et al., PointRCNN, CVPR 2019, section 3.3)."""
 
 import math
 
@@ -17,8 +16,7 @@ def encode_in_rois(boxes: Tensor, rois: Tensor) -> Tensor:
     """Residuals (…, 7) of boxes (…, 7) to RoIs (…, 7); the difference of yaw is in [-π/2, π/2).
 
     A box that points backwards in its RoI is turned round: which way is front is the first
-    stage's choice.
-    """
+    stage's choice."""
     offset = turned(boxes[..., None, :3] - rois[..., None, :3], -rois[..., 6]).squeeze(-2)
     yaw = limit_period(boxes[..., 6:] - rois[..., 6:], 0.5, math.pi)
     return encode(torch.cat([offset, boxes[..., 3:6], yaw], dim=-1), _at_origin(rois, 0.0))

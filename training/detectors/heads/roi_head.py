@@ -29,8 +29,7 @@ class RoiSettings:
 class RoiOutput:
     """Raw outputs for B * R RoIs: logits (B * R, 1) and residuals (B * R, 7), at least float32.
 
-    A head that only scores its RoIs has no residuals.
-    """
+    A head that only scores its RoIs has no residuals."""
 
     logits: Tensor
     residuals: Tensor | None
@@ -53,8 +52,7 @@ class RoiHead(nn.Module):
         """Compute "rcnn_cls", cross entropy of the RoIs that learn a score.
 
         If there are residuals, also "rcnn_reg", smooth L1, and "rcnn_corner" of those that learn a
-        box.
-        """
+        box."""
         scores = targets.scores.flatten()
         cross_entropy = functional.binary_cross_entropy_with_logits(
             output.logits.flatten(), scores.clamp_min(0), reduction="none"
@@ -83,8 +81,7 @@ class RoiHead(nn.Module):
     ) -> list[dict[str, Tensor]]:
         """Results of `Detector.predict`: refined boxes with the second stage's scores.
 
-        What fills up the proposals is no detection, nor a box that is not finite.
-        """
+        What fills up the proposals is no detection, nor a box that is not finite."""
         refined = self.refine(output, proposals.boxes)
         real = (proposals.boxes[..., 3:6] > 0).all(dim=-1) & refined.isfinite().all(dim=-1)
         parts = (refined, output.logits.view(proposals.scores.shape), proposals.labels)
@@ -100,8 +97,7 @@ def corner_loss(boxes: Tensor, expected: Tensor) -> Tensor:
     """Mean Huber loss of the distances of the eight corners of boxes (P, 7), shape (P,).
 
     Qi et al., Frustum PointNets, CVPR 2018, section 4.4: a corner may be near the one of the
-    expected box or of that box turned by 180°.
-    """
+    expected box or of that box turned by 180°."""
     corners = _corners(boxes)
     half_turn = expected + expected.new_tensor([0, 0, 0, 0, 0, 0, math.pi])
     distance = torch.minimum(

@@ -15,8 +15,7 @@ from training.ops.box_overlap import iou_3d
 class RoiSampling:
     """Rule by which RoIs are sampled and labelled (OpenPCDet's TARGET_CONFIG and its values).
 
-    A RoI's IoU is its largest 3D IoU with an object of its own class.
-    """
+    A RoI's IoU is its largest 3D IoU with an object of its own class."""
 
     # What the score learns. "cls": 1 above `cls_foreground`, 0 up to `cls_background`, nothing
     # between. "roi_iou": the IoU, scaled so that it rises from 0 to 1 between them
@@ -47,8 +46,7 @@ def sample_rois(
     """Draw `sampling.rois` proposals of every frame with torch's default CPU generator.
 
     As OpenPCDet's ProposalTargetLayer: foreground without replacement, background with. The objects
-    of a frame are `boxes` (M, 7) and `labels` (M,), from 1.
-    """
+    of a frame are `boxes` (M, 7) and `labels` (M,), from 1."""
     frames = zip(*proposals, boxes, labels, strict=True)
     samples = [_sample_in_frame(Proposals(*frame[:3]), *frame[3:], sampling) for frame in frames]
     *rois, objects, iou = map(torch.stack, zip(*samples, strict=True))

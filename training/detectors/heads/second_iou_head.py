@@ -23,8 +23,7 @@ class SecondIouSettings(RoiSettings):
 class SecondIouHead(RoiHead):
     """Scores RoIs from the image of the 2D backbone; their boxes stay.
 
-    The image has `inputs` channels, its first corner at x, y and square cells, metres.
-    """
+    The image has `inputs` channels, its first corner at x, y and square cells, metres."""
 
     def __init__(
         self, inputs: int, corner: tuple[float, float], cell: float, settings: SecondIouSettings
@@ -53,8 +52,7 @@ def bev_pool(
 
     The grids reach from edge to edge of the RoIs. Bilinear, zero outside the image. As OpenPCDet's
     SECONDHead: features lie at the cells' lower corners, and offsets along x are scaled by the
-    RoI's length, those along y by its width, after the turn and not before.
-    """
+    RoI's length, those along y by its width, after the turn and not before."""
     last = rois.new_tensor([image.shape[3] - 1, image.shape[2] - 1])
     low = rois.new_tensor(corner)
     near, far = ((rois[..., :2] + end * rois[..., 3:5] - low) / cell for end in (-0.5, 0.5))

@@ -38,8 +38,7 @@ class VoxelRcnnSettings(RoiSettings):
 class VoxelRcnnHead(RoiHead):
     """Scores and refines RoIs from three scales of the sparse backbone.
 
-    `channels` are those of each of STRIDES, `voxels` the finest ones.
-    """
+    `channels` are those of each of STRIDES, `voxels` the finest ones."""
 
     def __init__(
         self, channels: Sequence[int], voxels: VoxelGrid, layers: VoxelRcnnSettings
@@ -97,8 +96,7 @@ class NeighbourVoxelPool(nn.Module):
 
     The voxel query and the accelerated local aggregation of Voxel R-CNN, sections 3.2 and 3.3: the
     first layer works on every voxel once and not on every pair of a voxel and a place. `outputs`
-    are those of the first layer and of the last.
-    """
+    are those of the first layer and of the last."""
 
     def __init__(
         self, inputs: int, outputs: tuple[int, int], radius: float, reach: Triple, samples: int
@@ -124,8 +122,7 @@ class NeighbourVoxelPool(nn.Module):
     ) -> Tensor:
         """Features (M, outer) at places (M, 3) in the cells (M, 4) frame, z, y, x.
 
-        From N voxels at the centres (N, 3).
-        """
+        From N voxels at the centres (N, 3)."""
         occupied = OccupiedVoxels(centres, voxels.coordinates, voxels.shape)
         idx, empty = voxel_query(self.reach, self.radius, self.samples, occupied, places, cells)
         features = self.mlps_in[0](voxels.features)
