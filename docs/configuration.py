@@ -88,7 +88,7 @@ def _tell(section: Section, definitions: Schema, told: list[Section], parts: lis
     # What tells kinds of a mapping apart comes first, though a model inherits keys before it.
     fields = sorted(section.schema["properties"], key=lambda key: key != "source")
     if section.path:
-        parts += [f"### {section.title}\n", _first_paragraph(section.schema) + "\n"]
+        parts += [f"### {section.title}\n", _description(section.schema) + "\n"]
     if twin:
         names = ", ".join(f"`{key}`" for key in fields if key in same)
         parts.append(f"As in [{twin.title}](#{twin.anchor}): {names}.\n")
@@ -203,8 +203,11 @@ def _yaml(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
 
 
-def _first_paragraph(schema: Schema) -> str:
-    return " ".join(schema["description"].split("\n\n")[0].split())
+def _description(schema: Schema) -> str:
+    """The docstring of a model, without what it raises."""
+    paragraphs = schema["description"].split("\n\n")
+    text = " ".join(part for part in paragraphs if not part.startswith("Raises"))
+    return " ".join(text.split())
 
 
 def _join(path: str, key: str) -> str:

@@ -21,9 +21,9 @@ EVALUATORS = ("specialist", "generalist", "finetuned", "pretrained")
 
 
 class EvaluatorCommand(Settings):
-    """A program of the user that detects objects in the clouds of each rig.
+    """A program of the user that detects objects in the clouds of each rig."""
 
-    Fields that are not dumped do not decide its detections."""
+    # Fields that are not dumped do not decide its detections.
 
     command: settings.Text = Field(
         description="program and arguments, run without a shell; {clouds}: folder of the frames, "

@@ -157,6 +157,10 @@ class OccupancyGrid(Plottable):
         # Integers are exact and few terms remain: the sum has no error to speak of.
         return math.fsum(self.levels.total * self.entropy_of_level)
 
+    def prepare(self) -> None:
+        """Compute levels and entropy, which all placements share and which stay with the grid."""
+        _ = self.h_pog
+
     @cached_property
     def entropy_of_level(self) -> NDArray[np.float64]:
         """H in nats of a voxel of every level, shape (levels,)."""

@@ -180,7 +180,7 @@ def _pog(
     grid = OccupancyGrid.from_boxes(
         boxes.merge(frames[keys]), roi, object_class, frames=len(frames)
     )
-    grid.levels, grid.h_pog  # noqa: B018 - computed here, kept by the grid
+    grid.prepare()
     return grid, time.perf_counter() - start
 
 

@@ -82,7 +82,7 @@ def evaluate_many(
     A sensor that several placements share is covered once. Threads are as many as numba's
     (`NUMBA_NUM_THREADS`). `options` are the keywords of `evaluate_classes`."""
     for grid in grids.values():
-        grid.levels  # noqa: B018 - made once, before the threads start
+        grid.prepare()  # once, before the threads start
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         return list(threads.map(functools.partial(evaluate_classes, grids, **options), placements))
 
@@ -131,7 +131,7 @@ def evaluate_classes(
         )
     tiles = occupied_tiles(grids)
     for grid in grids.values():
-        grid.h_pog  # noqa: B018 - computed here, kept by the grid
+        grid.prepare()
 
     start = time.perf_counter()
     ray_method = rays_of(method)
