@@ -16,6 +16,5 @@ def stage_modules() -> dict[str, str]:
 def stage_names() -> set[str]:
     """Names of all stages."""
     modules = map(importlib.import_module, stage_modules().values())
-    kinds = {kind for module in modules for kind in vars(module).values()}
-    stages = (kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Stage))
-    return {kind.name for kind in stages if hasattr(kind, "name")}
+    kinds = [kind for module in modules for kind in vars(module).values() if isinstance(kind, type)]
+    return {kind.name for kind in kinds if issubclass(kind, Stage) and hasattr(kind, "name")}

@@ -8,13 +8,31 @@ from lidarplace.base.class_names import counts_of, listed
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.boxes import CLASSES
+from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import reading
 from sweeps.configuration.point import ClassSettings
+from sweeps.plan.planning import Planning
 from training.typical_objects import TypicalObject, typical_objects
 
 
-def boxes_by_split(scene: LogScene) -> dict[str, pd.DataFrame]:
+def typical_objects_of(
+    planning: Planning,
+    scene: Scene,
+    classes: tuple[str, ...],
+    settings: tuple[tuple[str, ClassSettings], ...],
+) -> tuple[TypicalObject, ...]:
+    """Return the objects of classes without anchors, and caution about the classes of a log."""
+    if not isinstance(scene, LogScene):
+        return _typical_of(classes, dict(settings), None)
+    boxes = planning.once(_boxes_by_split, scene)
+    with reading("scene"):
+        planning.caution(*scene.cautions())
+    planning.caution(*_check_classes(scene, classes, boxes))
+    return _typical_of(classes, dict(settings), boxes)
+
+
+def _boxes_by_split(scene: LogScene) -> dict[str, pd.DataFrame]:
     """Return the boxes of the training and of the test frames.
 
     Raises ConfigError: the log cannot be read."""
@@ -29,7 +47,7 @@ def boxes_by_split(scene: LogScene) -> dict[str, pd.DataFrame]:
     return boxes
 
 
-def check_classes(
+def _check_classes(
     scene: LogScene, classes: Sequence[str], boxes: Mapping[str, pd.DataFrame]
 ) -> list[str]:
     """Return a caution for each class that the training frames of a log lack.
@@ -56,14 +74,14 @@ def check_classes(
     return cautions
 
 
-def typical_of(
+def _typical_of(
     classes: Sequence[str],
     settings: Mapping[str, ClassSettings],
     boxes: Mapping[str, pd.DataFrame] | None,
 ) -> tuple[TypicalObject, ...]:
     """Return a typical object of each class without anchors in a preset, in the order of classes.
 
-    `boxes`: of `boxes_by_split`; None: traffic is simulated, and all stand on the ground. Raises
+    `boxes`: of `_boxes_by_split`; None: traffic is simulated, and all stand on the ground. Raises
     InputError: the boxes of a class have no size."""
     objects = []
     for name in classes:

@@ -6,13 +6,12 @@ from pathlib import Path
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.mounting.ring_overlap import interleaving
-from lidarplace.scenes.kinds import Scene, scene_parts
-from lidarplace.scenes.recorded import LogScene
+from lidarplace.scenes.kinds import scene_parts
 from sweeps.configuration.evaluator import EvaluatorCommand
-from sweeps.configuration.file import ConfigError, reading
+from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
-from sweeps.configuration.point import ClassSettings, Point
-from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
+from sweeps.configuration.point import Point
+from sweeps.plan.classes import typical_objects_of
 from sweeps.plan.clouds import TrialClouds
 from sweeps.plan.command import plan_command
 from sweeps.plan.generalist import plan_finetuned, plan_generalist
@@ -86,7 +85,7 @@ def _plan_trial(planning: Planning, grid_point: GridPoint) -> Trial:
     with at(key="scene"):
         parts = planning.once(scene_parts, point.scene)
     settings = tuple(point.class_settings.items())
-    typical = planning.once(_typical_objects, planning, point.scene, point.classes, settings)
+    typical = planning.once(typical_objects_of, planning, point.scene, point.classes, settings)
     _caution_of_settings(planning, point)
     scenes = tuple(
         planning.add_for(grid_point, SceneStage(part.recording), (), part.name) for part in parts
@@ -130,19 +129,3 @@ def unused_sensor_warnings(name: str, sensors: Sequence[object]) -> list[str]:
     """Warn that detectors and surrogates ignore cameras and radars; nothing without any."""
     problem = f"cameras and radars ({len(sensors)}) make no clouds: detectors and surrogates"
     return [f"{name}: {problem} ignore them."] if sensors else []
-
-
-def _typical_objects(
-    planning: Planning,
-    scene: Scene,
-    classes: tuple[str, ...],
-    settings: tuple[tuple[str, ClassSettings], ...],
-) -> tuple[TypicalObject, ...]:
-    """Return the objects of classes without anchors, and caution about the classes of a log."""
-    if not isinstance(scene, LogScene):
-        return typical_of(classes, dict(settings), None)
-    boxes = planning.once(boxes_by_split, scene)
-    with reading("scene"):
-        planning.caution(*scene.cautions())
-    planning.caution(*check_classes(scene, classes, boxes))
-    return typical_of(classes, dict(settings), boxes)

@@ -107,7 +107,7 @@ def test_what_runs():
     clock.now = 75.4
     named = ", ".join(f"finetune 'finetune {n}' for 1:15" for n in range(2))
     assert str(running) == f"{named}, 3 more"
-    assert running.ended(tasks_of("judge", 1)[0]) is None
+    assert running.ended(tasks_of("evaluate", 1)[0]) is None
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_a_search_in_a_log(at_once, tmp_path):
     with TrialProgress(log.console, 20, store) as progress, store.running(training, Note()) as note:
         note("epoch 2 of 9, 20 %")
         progress.started(training)
-        now = "trials 0 of 20; now pretrain 'all' for 0:00 (epoch 2 of 9, 20 %)\n"
+        now = "trials 0 of 20; now finetune 'all' for 0:00 (epoch 2 of 9, 20 %)\n"
         while now not in log.getvalue():
             assert log.grown.acquire(timeout=GUARD_S)
         progress.finished(training)

@@ -46,7 +46,7 @@ def test_cma_es_starts_near_the_best_of_what_is_given():
         study.enqueue_trial(dict.fromkeys(SPACE, x))
     for value in values.values():
         study.tell(study.ask(SPACE), value)
-    asked = [study.ask(SPACE).stage for _ in range(20)]
+    asked = [study.ask(SPACE).params for _ in range(20)]
     means = [sum(params[name] for params in asked) / len(asked) for name in SPACE]
     assert means == pytest.approx([0.8] * 3, abs=0.08)
     assert all(abs(x - 0.8) < 0.5 for params in asked for x in params.values())

@@ -33,7 +33,8 @@ rigs = st.lists(
     max_size=3,
     unique_by=lambda pair: (pair[0].x, pair[0].y, pair[0].z),
 ).map(lambda pairs: Placement("rig", *(list(each) for each in zip(*pairs, strict=True))))
-sizes = st.floats(0.1, 5), st.floats(0.1, 3), st.floats(0.1, 3)
+# No LiDAR is on a face of a box, where rounding decides what it sees.
+sizes = st.floats(0.1, 5), st.floats(0.1, 3), st.floats(0.1, 3).map(lambda height: height + 0.0029)
 boxes = st.tuples(st.floats(-12, 12), st.floats(-12, 12), *sizes, angle).map(
     lambda own: np.array([[own[0] + 0.0137, own[1] + 0.0071, own[4] / 2, *own[2:]]])
 )
