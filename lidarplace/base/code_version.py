@@ -15,6 +15,7 @@ from importlib.util import find_spec, resolve_name
 from pathlib import Path
 
 from lidarplace.base.errors import InputError
+from lidarplace.base.plugin_folders import Folders, active_folders
 
 PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
 """The packages of this project."""
@@ -24,15 +25,28 @@ _Import = tuple[str, str | None]
 _UNREAD = {"annotation", "returns", "ctx", "type_comment"}
 
 
-def code_version(*modules: str) -> str:
-    """Hash the code that modules can run, by their dotted paths; see `Sources.version`.
-
-    Packages are those that Python imports now: a plug-in of another folder has its own version."""
-    packages = dict.fromkeys((*PACKAGES, *(module.partition(".")[0] for module in modules)))
-    return _version(tuple((name, place_of(name)) for name in packages), modules)
-
-
 _Places = tuple[tuple[str, Path], ...]
+
+
+def code_version(*modules: str) -> str:
+    """Hash the code that modules can run, by their dotted paths; see `Sources.version`."""
+    return _version(_places_of(modules), modules)
+
+
+def changed_since(moment: float, *modules: str) -> bool:
+    """Whether code that modules can run has changed on the disk; see `Sources.changed_since`."""
+    return _sources(_places_of(modules)).changed_since(moment, *modules)
+
+
+def _places_of(modules: tuple[str, ...]) -> _Places:
+    """Return the packages that Python imports now: plug-ins of other folders have their version."""
+    packages = dict.fromkeys((*PACKAGES, *(module.partition(".")[0] for module in modules)))
+    return _places(tuple(packages), active_folders())
+
+
+@cache
+def _places(packages: tuple[str, ...], folders: Folders) -> _Places:
+    return tuple((name, place_of(name)) for name in packages)
 
 
 @cache
@@ -47,8 +61,8 @@ def _sources(places: _Places) -> "Sources":
 
 def forget_versions() -> None:
     """Read sources anew, as they may have changed since this process started."""
-    _version.cache_clear()
-    _sources.cache_clear()
+    for cached in (_places, _version, _sources):
+        cached.cache_clear()
 
 
 def place_of(package: str) -> Path:
@@ -70,6 +84,7 @@ class Sources:
     def __init__(self, packages: Mapping[str, Path]) -> None:
         self._packages = dict(packages)
         self._file, self._source = cache(self._locate), cache(self._read)
+        self._digests = cache(self._reach)
 
     def version(self, *modules: str) -> str:
         """Hash `modules` and all that they import of the packages.
@@ -77,6 +92,16 @@ class Sources:
         Where a module imports another by a name put together at run time, every module that it can
         be counts, unless one of `modules` says which. Raises InputError: a module does not exist,
         or imports in a way that cannot be followed."""
+        digests = sorted(self._digests(*modules).items())
+        return hashlib.sha256(repr(digests).encode()).hexdigest()
+
+    def changed_since(self, moment: float, *modules: str) -> bool:
+        """Whether a file behind `version` has changed since a moment, seconds since 1970."""
+        files = filter(None, map(self._file, self._digests(*modules)))
+        return any(file.stat().st_ctime > moment for file in files)
+
+    def _reach(self, *modules: str) -> dict[str, str]:
+        """Return the digests of `modules` and of all that they import, by name."""
         digests: dict[str, str] = {}
         queue: list[str] = []
         for module in modules:
@@ -94,7 +119,7 @@ class Sources:
             for prefix in source.prefixes:
                 if not any(module.startswith(prefix) for module in modules):
                     queue += self._below(prefix)
-        return hashlib.sha256(repr(sorted(digests.items())).encode()).hexdigest()
+        return digests
 
     def _definers(self, module: str, name: str | None) -> Iterator[str]:
         """List the module that an import leads to; none if it is not of the packages."""

@@ -183,7 +183,7 @@ class _Line(NamedTuple):
 @inlined
 def _line_of(rays, beam, lift):
     """Return the `_Line` of a beam, raised by `lift`."""
-    (origin, r, beams), _ = rays, beam
+    origin, r, beams = rays
     ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
     x, y = (ce * r[0, 0], ce * r[0, 1], se * r[0, 2]), (ce * r[1, 0], ce * r[1, 1], se * r[1, 2])
     z = ce * r[2, 0], ce * r[2, 1], se * r[2, 2]

@@ -80,8 +80,6 @@ class Surroundings:
     def parts(self, frame: int, reach: float) -> Parts:
         """Return objects of the frame, owners numbered as in `rows`, and buildings; ego frame.
 
-        Those farther than `reach` metres from the vehicle are left out.
-
         Those farther than `reach` metres from the vehicle are left out."""
         if frame not in self._listed:
             raise ValueError(f"frame {frame} is not in the box log")

@@ -7,6 +7,7 @@ It rises and is concave, so a mean of it over objects is monotone and submodular
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Self
@@ -126,6 +127,7 @@ def write_curves(path: Path, command: str, curves: Sequence[DetectionCurve]) -> 
     write_text(path, text.model_dump_json(by_alias=True, indent=2) + "\n")
 
 
+@cache
 def default_curves() -> DetectionCurves:
     """Return the curves that come with the package; their `command` says where from."""
     text = files(__package__).joinpath("default_curves.json").read_text(encoding="utf-8")

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
-from lidarplace.base.kernel_cache import inlined, njit
+from lidarplace.base.kernel_cache import inlined, inner, njit
 from lidarplace.clouds.hashed import stream_of, uniform
 from lidarplace.clouds.raycast import (
     NO_ENDS,
@@ -208,7 +208,7 @@ def _cells_in_frames(rays, frames, region, ends, loss):
     return offsets, cells[:size].copy(), points
 
 
-@inlined
+@inner
 def _cast_in_frame(rays, frames, frame, ends, hits):
     """Cast the rays at the parts and the static world of a frame."""
     first, last = frames.first_part[frame], frames.first_part[frame + 1]

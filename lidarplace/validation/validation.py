@@ -79,9 +79,11 @@ def validate(
     names, objects = rig.names, _objects(log)
     classes, frames = log.boxes["class"].to_numpy(str), log.frames["frame"].tolist()
     as_shipped = SimulatedRig(log, rig.placement, 0, vehicle)
-    recording = replace(as_shipped, placement=_geometry(rig, correction))
+    geometry = _geometry(rig, correction)
+    is_shipped = geometry == rig.placement
+    recording = as_shipped if is_shipped else replace(as_shipped, placement=geometry)
     shipped = simulate(as_shipped, frames)
-    returns = shipped if recording.placement == rig.placement else simulate(recording, frames)
+    returns = shipped if is_shipped else simulate(recording, frames)
     route_of = log.frames.set_index("frame")["route"]
     clouds = list(real_clouds(folder, len(names), MOST_CLOUDS))
     shares = {c.frame: returned(c.points, c.lidar, rig.placement, vehicle) for c in clouds}

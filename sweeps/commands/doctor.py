@@ -207,7 +207,7 @@ def _print(console: Console, findings: list[Finding]) -> None:
         table.add_row(_SIGNS[finding.state], finding.check, finding.found, finding.needed_for)
     console.print(table)
     # Below the table, where a command is one line that can be copied.
-    titles = {"missing": "Missing", "weak": "Could be better", "optional": "Not machine for"}
+    titles = {"missing": "Missing", "weak": "Could be better", "optional": "Not asked for"}
     for state, title in titles.items():
         mends = [f for f in findings if f.state == state and f.remedy]
         if mends:

@@ -18,7 +18,7 @@ from sweeps.evaluation.request import EvaluationRequest
 from sweeps.results.failure_frames import frames_of
 from sweeps.results.object_tables import ABOUT, found_in
 from sweeps.results.trial_results import Cell, with_columns
-from sweeps.stages.evaluate import EVALUATION_TABLES, EvaluationResult, evaluate_detections
+from sweeps.stages.measure import EVALUATION_TABLES, EvaluationResult, evaluate_detections
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.arrays import FailureFrames

@@ -10,7 +10,7 @@ from sweeps.plan import named_files
 from sweeps.plan.clouds import TrialClouds
 from sweeps.plan.trial import DetectorTrial, Trial
 from sweeps.stages.command import CommandStage
-from sweeps.stages.evaluate import MeasureStage
+from sweeps.stages.measure import MeasureStage
 from training.typical_objects import TypicalObject
 
 

@@ -10,8 +10,8 @@ from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
 from lidarplace.requirements.layout import RequirementLayout
 from sweeps.configuration.grid import GridPoint
 from sweeps.stages.collect import CollectStage, RecordedCloudsStage
-from sweeps.stages.evaluate import EvaluationResult
 from sweeps.stages.ground_truth import GroundTruthStage
+from sweeps.stages.measure import EvaluationResult
 from sweeps.stages.pog import PogStage
 from sweeps.stages.recall import RecallStage
 from sweeps.stages.requirements import RequirementsStage

@@ -23,15 +23,12 @@ POINTS = 3000
 
 
 def write_failure_frames(analysis: Analysis, plan: Plan, store: Store) -> FailureFrames | None:
-    """Write the frames of the compared rigs into the run folder, or remove those of an earlier run.
-
-    None where no rigs are compared."""
-    folder, frames = analysis.complete.path, None
-    (folder / FailureFrames.FILE).unlink(missing_ok=True)
-    if analysis.pair is not None:
-        trials = {trial.key: trial for trial in with_detector(plan.trials)}
-        frames = failure_frames(analysis.pair, trials, store)
-        frames.write(folder)
+    """Write the frames of the compared rigs into the run folder; None if no rigs are compared."""
+    if analysis.pair is None:
+        return None
+    trials = {trial.key: trial for trial in with_detector(plan.trials)}
+    frames = failure_frames(analysis.pair, trials, store)
+    frames.write(analysis.complete.path)
     return frames
 
 

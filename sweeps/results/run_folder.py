@@ -34,13 +34,13 @@ from sweeps.results.trial_results import (
     trial_seconds,
     with_columns,
 )
-from sweeps.stages.evaluate import EVALUATION_TABLES
+from sweeps.stages.measure import EVALUATION_TABLES
 from sweeps.stages.task import Task
 from sweeps.store.local import Store
 from tracking.mlflow.uri import absolute_uri
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
-from tracking.run_folders.arrays import Grounds
+from tracking.run_folders.arrays import FailureFrames, Grounds
 from tracking.run_folders.json_file import Triangles
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
@@ -128,6 +128,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
     counts = Frames(train=frames["train"], test=frames["test"])
     cautions = [*plan.cautions, *rig_cautions(plan), *_detection_cautions(tested, store)]
     _about(sweep, counts, run, pictured, body, plan, cautions).write(folder)
+    (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
     return Analysis(RunFolder.read(folder))
 
 

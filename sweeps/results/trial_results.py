@@ -8,7 +8,7 @@ import pandas as pd
 
 from sweeps.execution.failures import Failure
 from sweeps.plan.trial import DetectorTrial, Trial
-from sweeps.stages.evaluate import EvaluationResult
+from sweeps.stages.measure import EvaluationResult
 from sweeps.stages.task import Task
 from sweeps.store.local import Store
 from tracking.findings.groups import ONE_FOR_ALL

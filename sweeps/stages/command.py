@@ -20,10 +20,9 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.scenes.layouts import write_layout
 from sweeps.configuration.evaluator import EvaluatorCommand
 from sweeps.stages.collect import CollectedClouds, clouds_and_objects
-from sweeps.stages.evaluate import DetectedFrames
 from sweeps.stages.ground_truth import GroundTruth
+from sweeps.stages.measure import DetectedFrames
 from sweeps.stages.stage import Need, Stage, of_type
-from training.sanity_checks.check import check_detections
 
 _LAST, _TAIL = 5, 64_000
 """How many lines of a log say why a command failed, among how many bytes at its end."""
@@ -89,6 +88,8 @@ class CommandStage(Stage[DetectedFrames]):
 
     def detect(self, frames: pd.DataFrame, objects: pd.DataFrame, clouds: Clouds) -> DetectedFrames:
         """Run the command on `frames` of a box log; objects in test frames only check it."""
+        from training.sanity_checks.check import check_detections  # SciPy
+
         frames, cautions = frames[frames["frame"].isin(clouds.frames)], list[str]()
         test_frames = frames[frames["split"] == "test"]
         in_test = objects["frame"].isin(test_frames["frame"])

@@ -2,10 +2,12 @@
 
 import importlib
 import sys
+import time
 
 import numba
 import pytest
 
+from lidarplace.base import kernel_cache
 from lidarplace.base.code_version import forget_versions
 from lidarplace.base.kernel_cache import njit
 
@@ -53,13 +55,20 @@ def run(tmp_path, monkeypatch):
     # Python's own would tell two edits of one second and one length not apart.
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
 
-    def run(**edited):
+    def write(edited):
         for name, source in (FILES | edited).items():
             (package / f"{name}.py").write_text(source, encoding="utf-8")
+
+    def run(before_the_call=None, **edited):
+        write(edited)
+        monkeypatch.setattr(kernel_cache, "_IMPORTED", time.time() + 0.1)
         for name in [name for name in sys.modules if name.partition(".")[0] == "toy"]:
             del sys.modules[name]
         forget_versions()
         outer = importlib.import_module("toy.outer").outer
+        if before_the_call is not None:
+            time.sleep(0.2)
+            write(before_the_call)
         return outer(3.0), sum(outer.stats.cache_hits.values())
 
     return run
@@ -73,6 +82,13 @@ def test_an_edit_of_any_source_that_a_kernel_uses_compiles_it_again(run, tmp_pat
     assert run() == (7.0, 1)  # back on the branch of before
     assert run(numbers="FACTOR = 4.0\n") == (13.0, 0)
     assert len(list(tmp_path.glob("toy/__pycache__/outer-*/"))) == 3
+
+
+def test_machine_code_of_sources_that_changed_before_the_first_call_is_not_kept(run):
+    edited = {"numbers": "FACTOR = 30.0\n"}
+    assert run(before_the_call=edited) == (7.0, 0)
+    assert run(**edited) == (91.0, 0)
+    assert run() == (7.0, 0)
 
 
 def test_a_folder_that_the_user_names_is_taken(run, tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from lidarplace.base.plugin_folders import PLUGINS
 from lidarplace.base.registry import OneOf, PluginError, Registry, _entry_points
 from lidarplace.scenes.kinds import KINDS
 from sweeps.execution.ray_cluster import _cluster_environment, _plug_ins, _python_path
-from sweeps.stages.evaluate import MeasureStage
+from sweeps.stages.measure import MeasureStage
 from sweeps.stages.recall import RecallStage
 
 

@@ -15,7 +15,8 @@ from sweeps.plan.plan import make_plan
 from sweeps.results.promotion import at_most, promote, survivors
 from sweeps.results.trial_results import trial_failure
 from sweeps.stages.collect import CollectStage
-from sweeps.stages.evaluate import EvaluateStage, EvaluationResult
+from sweeps.stages.evaluate import EvaluateStage
+from sweeps.stages.measure import EvaluationResult
 from sweeps.stages.surrogates import Scores, SurrogatesStage
 from sweeps.stages.train import FinetuneStage
 from sweeps.store.local import Store

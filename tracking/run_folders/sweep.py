@@ -70,9 +70,8 @@ class RunFolder:
     def read(cls, path: Path) -> RunFolder:
         """Read the run folder `path`.
 
-        Raises ValueError: it is not a run folder, its sweep has not finished, or a file is
-        missing
-            or lacks what it must have."""
+        Raises ValueError: it is not a run folder, its sweep has not finished, or a file is missing
+        or lacks what it must have."""
         path = Path(path)
         needed = [table.file for table in TABLES if table.needed]
         required = ["config.yaml", SweepResult.FILE, *needed]

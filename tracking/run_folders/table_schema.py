@@ -113,8 +113,7 @@ class TableSchema:
         """Read the table in `folder`; without rows it gets the needed columns and the `axes`.
 
         Raises ValueError: the file is not a table, lacks a needed column, has one of a wrong
-        kind,
-            or duplicate rows."""
+        kind, or duplicate rows."""
         table = read_parquet(folder / self.file).rename(columns=current_key)
         self._check(table, folder / self.file)
         self._check_key(table, axes, folder / self.file)

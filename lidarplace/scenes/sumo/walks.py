@@ -76,7 +76,7 @@ def drive_graph(network: Net, sumo_class: str) -> WalkGraph:
 def foot_graph(network: Net, speed: float) -> WalkGraph:
     """Build the graph of sidewalks, both ways, as walking areas and crossings join them.
 
-    Needs a network that was read with its pedestrian connections."""
+    Needs a network that was read with its pedestrian connections. `speed` is in m/s."""
     joined = _joined_areas(network)
     states: dict[Any, tuple[str, float, float]] = {}
     first: dict[Any, int] = {}

@@ -45,7 +45,7 @@ class Command:
             stderr=subprocess.STDOUT,
             encoding="utf-8",
             errors="replace",
-            start_new_session=True,  # Ctrl-C at the studio is on_output to it once, by `cancel`
+            start_new_session=True,  # Ctrl-C at the studio reaches it once, by `cancel`
         )
         os.setpriority(os.PRIO_PROCESS, self._process.pid, NICENESS)
         self._reader = threading.Thread(target=self._read, daemon=True, name="command")

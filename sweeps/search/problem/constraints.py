@@ -192,6 +192,9 @@ def _measure(name: str, rig: Rig, placement: Placement | None, carrier: Carrier)
     if name == "blind_lidars":
         assert placement is not None
         return float(len(blind_lidars(placement, carrier.roi, carrier.vehicle)))
-    mounts, lidars = [c.mount for c in rig], [carrier.models[c.model] for c in rig]
-    sensors = MountedSensors(mounts, lidars, carrier.further)
+    # A dead LiDAR takes room and hides objects, but sees nothing.
+    counted = [c for c in rig if not c.dead or name in ("body", "keep_out", "body_share")]
+    dead = [(c.mount, carrier.models[c.model]) for c in rig if c not in counted]
+    lidars = [carrier.models[c.model] for c in counted]
+    sensors = MountedSensors([c.mount for c in counted], lidars, carrier.further, dead)
     return worst(name, sensors, carrier.limits, carrier.vehicle)

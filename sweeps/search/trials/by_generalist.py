@@ -25,8 +25,9 @@ from sweeps.search.trials.aggregate import metrics_over_tests, weighted_value
 from sweeps.search.trials.study import finished_trials
 from sweeps.search.trials.traffic import MeasuredValues, PendingTrials, Pool, SurrogateEvaluator
 from sweeps.stages.collect import CollectStage
-from sweeps.stages.evaluate import DetectStage, EvaluateStage, EvaluationResult
+from sweeps.stages.evaluate import DetectStage, EvaluateStage
 from sweeps.stages.ground_truth import GroundTruthStage
+from sweeps.stages.measure import EvaluationResult
 from sweeps.stages.stage import Stage
 from sweeps.stages.task import Task, tasks_of, with_inputs
 from sweeps.store.local import Store

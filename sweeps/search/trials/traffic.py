@@ -111,8 +111,10 @@ class Pool:
 
 def _fill_caches(traffic: Traffic) -> None:
     """Compute once what every worker would compute by itself."""
-    _ = [grid.h_pog for grid in traffic.grids.values()]  # with the levels of each grid
-    _ = traffic.objects and traffic.objects.objects.frames
+    for grid in traffic.grids.values():
+        grid.prepare()
+    if traffic.objects is not None:
+        _ = traffic.objects.objects.frames
 
 
 PendingTrials = list[tuple[optuna.Trial, Rig]]

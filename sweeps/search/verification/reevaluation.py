@@ -140,7 +140,7 @@ def recall_of(
         tasks = with_inputs(trial.evaluate for trial in tests)
         for failure in run_tasks(console, problem.file, store, tasks).values():
             raise BackendLost(f"a rig could not be evaluated: {failure.reason}")
-        metrics = [store.read(trial.evaluate, lambda expected: expected.metrics) for trial in tests]
+        metrics = [store.read(trial.evaluate, lambda result: result.metrics) for trial in tests]
         return weighted_value(objective, classes, metrics_over_tests(metrics, search.over))
 
     return recall
