@@ -22,10 +22,9 @@ PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
 
 _Import = tuple[str, str | None]
 """A module, and the name that is imported from it, if any."""
-_UNREAD = {"annotation", "returns", "ctx", "type_comment"}
-
-
 _Places = tuple[tuple[str, Path], ...]
+"""Packages, and their folders or files."""
+_UNREAD = {"annotation", "returns", "ctx", "type_comment"}
 
 
 def code_version(*modules: str) -> str:
