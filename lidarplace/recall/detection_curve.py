@@ -127,8 +127,12 @@ def write_curves(path: Path, command: str, curves: Sequence[DetectionCurve]) -> 
     write_text(path, text.model_dump_json(by_alias=True, indent=2) + "\n")
 
 
-@cache
 def default_curves() -> DetectionCurves:
     """Return the curves that come with the package; their `command` says where from."""
+    return _packaged_curves()
+
+
+@cache
+def _packaged_curves() -> DetectionCurves:
     text = files(__package__).joinpath("default_curves.json").read_text(encoding="utf-8")
     return DetectionCurves.model_validate_json(text)
