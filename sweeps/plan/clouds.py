@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -36,15 +37,16 @@ class TrialClouds:
     parts: Sequence[ScenePart]
     scenes: Sequence[Task[SceneStage]]
 
-    @property
+    @cached_property
     def crop(self) -> Crop:
         """Lowest x, y, z and highest x, y, z of the points of the rig."""
         point, roi = self.grid_point.point, self.grid_point.point.roi
         rig, misaligned_heights = self.grid_point.rig, point.lidar.misaligned_heights
         return crop_for(roi.x, roi.y, roi.z, rig, misaligned_heights)
 
+    @cached_property
     def truths(self) -> dict[str, list[Task[GroundTruthStage]]]:
-        """Add the ground truth of every part, by the splits that the part has frames of."""
+        """Ground truth of every part, by the splits that the part has frames of."""
         # Without the resolution, which has no part in the ground truth.
         point, roi = self.grid_point.point, self.grid_point.point.roi
         stage = GroundTruthStage(roi.x, roi.y, roi.z, point.scene.seed)

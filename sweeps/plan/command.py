@@ -35,7 +35,7 @@ def plan_command(
         point.seed if command.uses("seed") else None,
         log=common.output / common.name / "commands" / f"{file}.log",
     )
-    truths, test = clouds.truths(), clouds.collect("test")
+    truths, test = clouds.truths, clouds.collect("test")
     objects = tuple(dict.fromkeys(truths["train"] + truths["test"]))
     inputs = (*clouds.scenes, *clouds.collect("train"), *test, *objects)
     detect = planning.add(stage, trial.label, inputs)

@@ -42,7 +42,7 @@ def _pretrain(clouds: TrialClouds, training: FinetuneStage) -> Task[PretrainStag
         for number, rig in enumerate(rigs)
         for task in clouds.collect("train", rig, rig.name, first=number % every, every=every)
     ]
-    inputs = (*rig_clouds, *clouds.truths()["train"])
+    inputs = (*rig_clouds, *clouds.truths["train"])
     epochs = training.training.model_copy(update={"epochs": settings.epochs})
     stage = PretrainStage(**vars(training) | {"training": epochs}, scenes=(len(inputs),))
     label = f"generalist of {len(rigs)} rigs · {point.detector} · seed {point.seed}"

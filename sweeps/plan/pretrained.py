@@ -27,7 +27,7 @@ def plan_pretrained(
     settings = TrainingSettings().model_copy(
         update={name: getattr(point.training, name) for name in of_detection}
     )
-    truths, test = clouds.truths()["test"], clouds.collect("test")
+    truths, test = clouds.truths["test"], clouds.collect("test")
     stage = EvaluateStage(
         generalist.detector,
         point.classes,

@@ -22,7 +22,7 @@ def finetuned_from(
     trial: Trial, clouds: TrialClouds, training: FinetuneStage, base: Sequence[Task[PretrainStage]]
 ) -> DetectorTrial:
     """Train on the clouds of the placement, starting from a generalist if there is one."""
-    truths = clouds.truths()
+    truths = clouds.truths
     inputs = (*base, *clouds.collect("train"), *truths["train"])
     finetune = clouds.planning.add(training, trial.label, inputs)
     return evaluated_by(trial, clouds, finetune)
@@ -31,7 +31,7 @@ def finetuned_from(
 def evaluated_by(trial: Trial, clouds: TrialClouds, weights: Task[FinetuneStage]) -> DetectorTrial:
     """Evaluate the placement by a detector that a task trains."""
     point, training = trial.grid_point.point, weights.stage
-    truths, test = clouds.truths(), clouds.collect("test")
+    truths, test = clouds.truths, clouds.collect("test")
     stage = EvaluateStage(
         training.detector,
         point.classes,
