@@ -11,6 +11,7 @@ import weakref
 from collections import Counter
 from contextlib import contextmanager
 from functools import cache
+from unittest.mock import patch
 
 import torch
 from torch import Tensor
@@ -20,6 +21,7 @@ from torch.utils.backend_registration import (
     _DummyBackendModule,
     _setup_privateuseone_for_python_backend,
 )
+from triton.runtime import interpreter
 
 NAME = "other"
 _aten = torch.ops.aten
@@ -224,5 +226,8 @@ def other_device():
     Autograd has a thread for every device that torch knew when the process made its first step.
     """
     _registered()
-    with torch.autograd.set_multithreading_enabled(False):
+    held = patch.object(
+        interpreter, "_unwrap_tensor", lambda tensor: getattr(tensor, "held", tensor)
+    )
+    with held, torch.autograd.set_multithreading_enabled(False):
         yield torch.device(NAME, 0)

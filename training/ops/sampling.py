@@ -1,7 +1,5 @@
 """Furthest point sampling: points that cover a cloud evenly."""
 
-from bisect import bisect_left
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -21,23 +19,22 @@ def furthest_point_sample(xyz: Tensor, counts: Tensor, samples: int) -> tuple[Te
 
     Returns rows of `xyz`, int64, `samples` for each frame that has points; a frame with fewer
     repeats its rows in their order. And the chosen points of each frame, (B,) int64."""
-    search = _furthest_numba if xyz.is_cpu else _furthest_torch
+    search = _furthest_numba if xyz.is_cpu else _furthest_triton
     rows = search(xyz.detach(), counts.tolist(), samples)
     return rows, torch.where(counts > 0, samples, 0)
 
 
-def _tie_order(count: int, device: torch.device) -> Tensor:
+def _tie_order(count: int) -> NDArray[np.int64]:
     """Rows 0 … count - 1 sorted so that the first of equally far ones is upstream's choice.
 
     Thread t of a block looks at rows t, t + threads, … and keeps the first; a tree that halves the
     block then prefers the thread whose number is smallest when its bits are read backwards. Fewer
     points stand in the same order: a smaller block reads fewer bits, of smaller numbers."""
     threads = min(1 << (count.bit_length() - 1), _THREADS)
-    backwards = torch.zeros(1, dtype=torch.int64, device=device)
+    backwards = np.zeros(1, np.int64)
     while len(backwards) < threads:
-        backwards = torch.cat([2 * backwards, 2 * backwards + 1])
-    rounds = torch.arange(0, count, threads, device=device)
-    rows = (backwards[:, None] + rounds).flatten()
+        backwards = np.concatenate([2 * backwards, 2 * backwards + 1])
+    rows = (backwards[:, None] + np.arange(0, count, threads)).flatten()
     return rows[rows < count]
 
 
@@ -102,45 +99,15 @@ def _furthest_numba(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
     start = 0
     for count in counts:
         if count:
-            order = _tie_order(count, xyz.device)
-            rows = _furthest_rows(xyz[start + order].numpy(), samples)
-            chosen.append(np.resize(start + order.numpy()[rows], samples))
+            rows = start + _tie_order(count)
+            chosen.append(np.resize(rows[_furthest_rows(xyz.numpy()[rows], samples)], samples))
         start += count
     return torch.from_numpy(np.concatenate(chosen))
 
 
-def _furthest_torch(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
-    """Sample frames of similar size side by side, so that padding at most doubles the work."""
-    filled = [count for count in counts if count]
-    sizes = torch.tensor(filled, dtype=torch.int64, device=xyz.device)
-    starts, order = sizes.cumsum(0) - sizes, sizes.argsort()
-    rows = torch.empty(len(filled), samples, dtype=torch.int64, device=xyz.device)
-    filled.sort()
-    high = len(filled)
-    while high:
-        largest = filled[high - 1]
-        low = bisect_left(filled, (largest + 1) // 2)
-        block = order[low:high]
-        rows[block] = _furthest_side_by_side(xyz, starts[block], sizes[block], largest, samples)
-        high = low
-    return rows.flatten()
+def _furthest_triton(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
+    from training.ops.gpu.sampling import furthest_rows
 
-
-def _furthest_side_by_side(
-    xyz: Tensor, starts: Tensor, sizes: Tensor, largest: int, samples: int
-) -> Tensor:
-    """Rows (B, samples); each step is a few kernels, whatever the number of frames."""
-    order = _tie_order(largest, xyz.device)
-    # Padding repeats the first point: chosen before all others, it is never further than they.
-    rows = starts[:, None] + torch.where(order < sizes[:, None], order, 0)
-    points = xyz.t()[:, rows]
-    distance = xyz.new_full(rows.shape, torch.inf)
-    chosen = [torch.zeros_like(starts)[:, None]]
-    for _ in range(1, min(samples, largest)):
-        newest = points.gather(2, chosen[-1].expand(3, -1, -1))
-        dx, dy, dz = (points - newest).square_()
-        distance = torch.minimum(distance, dx + dy + dz)
-        chosen.append(distance.argmax(dim=1, keepdim=True))
-    # A frame with fewer points than samples starts again behind its last point.
-    turn = torch.arange(samples, device=xyz.device) % sizes[:, None]
-    return rows.gather(1, torch.cat(chosen, dim=1).gather(1, turn))
+    sizes = torch.tensor([count for count in counts if count], device=xyz.device)
+    starts = sizes.cumsum(0) - sizes
+    return (starts[:, None] + furthest_rows(xyz, starts, sizes, samples)).flatten()

@@ -1,0 +1,80 @@
+"""Every Triton kernel compiles for GPUs, with the types that the operations pass."""
+
+import inspect
+import json
+import os
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+
+import pytest
+import torch
+
+from tests.training import gpu_compilation
+from training.ops import gpu
+from training.ops.sampling import _furthest_triton
+
+TYPES = {torch.float32: "fp32", torch.float64: "fp64", torch.float16: "fp16", torch.bool: "i1",
+         torch.int32: "i32", torch.int64: "i64", torch.uint8: "u8", torch.bfloat16: "bf16"}  # fmt: skip
+
+
+def run_all(dtype):
+    """Run each operation that has a kernel once."""
+    xyz = torch.rand(40, 3).to(dtype)
+    _furthest_triton(xyz, [30, 10], 4)
+
+
+def type_of(value):
+    if isinstance(value, torch.Tensor):
+        return "*" + TYPES[value.dtype]
+    if isinstance(value, float):
+        return "fp32"
+    return "i32" if abs(value) < 2**31 else "i64"
+
+
+@pytest.fixture
+def launches(monkeypatch):
+    """What is launched, as `gpu_compilation` reads it, and the modules of kernels."""
+    items = []
+
+    def recorded(launch):
+        def launch_and_record(kernel, programs, *arguments, warps=4, **constants):
+            names = inspect.getfullargspec(kernel.fn).args
+            signature = dict(zip(names, map(type_of, arguments), strict=False))
+            signature |= dict.fromkeys(constants, "constexpr")
+            item = {"module": kernel.fn.__module__, "kernel": kernel.fn.__name__, "warps": warps}
+            items.append(item | {"signature": signature, "constants": constants})
+            launch(kernel, programs, *arguments, warps=warps, **constants)
+
+        return launch_and_record
+
+    for module in modules():
+        if hasattr(module, "launch") and module.__name__ != "training.ops.gpu.launch":
+            monkeypatch.setattr(module, "launch", recorded(module.launch))
+    return items
+
+
+def modules():
+    return [import_module(f"{gpu.__name__}.{info.name}") for info in iter_modules(gpu.__path__)]
+
+
+def test_kernels_compile(launches):
+    for dtype in (torch.float32, torch.float64):
+        run_all(dtype)
+    kernels = {(item["module"], item["kernel"]) for item in launches}
+    files = {Path(module.__file__).stem for module in modules()} - {"launch"}
+    assert {module.rpartition(".")[2] for module, _ in kernels} == files
+    unique = {json.dumps(item, sort_keys=True): item for item in launches}.values()
+    environment = {name: value for name, value in os.environ.items() if name != "TRITON_INTERPRET"}
+    done = subprocess.run(
+        [sys.executable, gpu_compilation.__file__],
+        input=json.dumps(list(unique)),
+        text=True,
+        capture_output=True,
+        env=environment,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == len(unique) * len(gpu_compilation.CAPABILITIES)
