@@ -16,8 +16,10 @@ from tests.training import gpu_compilation
 from training.ops import gpu
 from training.ops.sampling import _furthest_triton
 
-TYPES = {torch.float32: "fp32", torch.float64: "fp64", torch.float16: "fp16", torch.bool: "i1",
-         torch.int32: "i32", torch.int64: "i64", torch.uint8: "u8", torch.bfloat16: "bf16"}  # fmt: skip
+TYPES = {
+    torch.float32: "fp32", torch.float64: "fp64", torch.float16: "fp16", torch.bfloat16: "bf16",
+    torch.bool: "i1", torch.int32: "i32", torch.int64: "i64", torch.uint8: "u8",
+}  # fmt: skip
 
 
 def run_all(dtype):
