@@ -217,7 +217,7 @@ def test_a_caution_says_how_much_a_mesh_stops(folder):
         for vehicle in ("body.stl", [[LOW, HIGH]])
     )
     assert caution == other
-    assert any("what LiDAR 2 fires meets the vehicle" in line for line in caution)
+    assert any("The vehicle stops" in line and "LiDAR 2: " in line for line in caution)
 
 
 def test_the_run_folder_of_a_sweep_has_the_mesh(folder):
