@@ -38,13 +38,6 @@ def test_this_machine(tmp_path, monkeypatch):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["grid.yaml"], "it leaves nothing behind"
 
 
-@pytest.mark.long
-def test_ray_runs_a_task_on_one_thread():
-    found = checks.ray("local")
-    assert found.state == "good"
-    assert "a task has 1 thread" in found.found
-
-
 def test_a_cluster_that_is_not_there_is_one_line():
     found = checks.ray("127.0.0.1:1")
     assert found.state == "missing"
