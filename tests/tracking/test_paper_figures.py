@@ -7,8 +7,8 @@ import pytest
 from matplotlib.container import ErrorbarContainer
 
 from tests.tracking.made_up_run import NAMES, write_run
-from tracking.figures import paper
 from tracking.kitti_iou import at_headline_iou
+from tracking.paper import figures as paper
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
 

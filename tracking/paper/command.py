@@ -28,7 +28,7 @@ def figures(
     as_json: JsonOption = False,
 ) -> None:
     """Write the figures of a sweep as files for a paper, and print their paths."""
-    from tracking.figures.paper import write_figures
+    from tracking.paper.figures import write_figures
     from tracking.report.analysis import Analysis
     from tracking.run_folders.sweep import RunFolder
 
