@@ -13,9 +13,10 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from lidarplace.clouds.clouds import CloudFrames
 from lidarplace.logs.boxes import GEOMETRY
+from training.casting import points_on
 from training.detectors.build import build
 from training.detectors.contract import as_arrays, check_boxes_of, guarded, is_built_in
-from training.detectors.detector import Detector, PointRange
+from training.detectors.detector import PointRange
 from training.device import device, half_type
 from training.prediction_batches import PredictionBatches
 from training.settings import TrainingSettings
@@ -56,7 +57,9 @@ def detect(
 
     def predict(batch: range) -> list[dict[str, NDArray[np.generic]]]:
         """Predict the boxes of some frames, as arrays."""
-        points = points_of(model, clouds, batch)
+        points = points_on(model.device, clouds, batch)
+        for cloud in points:
+            cloud[:, 2] -= model.sensor_height
         autocast = torch.autocast(model.device.type, half, enabled=half is not None)
         with torch.no_grad(), autocast, guarded(model):
             predictions = model.predict(points, selection)
@@ -81,14 +84,6 @@ def detect(
     boxes["score"] = np.concatenate([np.zeros(0), *(item["scores"] for item in frames)])
     two_stages = bool(frames) and "refined" in frames[0]
     return Detections(boxes, table("refined") if two_stages else None)
-
-
-def points_of(model: Detector, clouds: CloudFrames, batch: range) -> Sequence[Tensor]:
-    """Return the points of some frames in the network's frame, on its device, by one copy."""
-    arrays = [clouds[index] for index in batch]
-    points = torch.from_numpy(np.concatenate(arrays)).to(model.device)
-    points[:, 2] -= model.sensor_height
-    return points.split([len(array) for array in arrays])
 
 
 def fold_batch_norm(model: nn.Module) -> None:
