@@ -12,7 +12,12 @@ from pkgutil import iter_modules
 import pytest
 import torch
 
+from lidarplace.clouds.collect import SimulatedClouds
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 from tests.training import gpu_compilation
+from tests.training.test_casting import CROP, log_of
+from training.casting import cast_frames
 from training.ops import gpu
 from training.ops.sampling import _furthest_triton
 
@@ -26,6 +31,8 @@ def run_all(dtype):
     """Run each operation that has a kernel once."""
     xyz = torch.rand(40, 3).to(dtype)
     _furthest_triton(xyz, [30, 10], 4)
+    rig = Placement("one", [Mount(z=2.0)], Lidar((-0.2,), azimuth_steps=4))
+    cast_frames(SimulatedClouds(log_of(1, 0), [0], rig, CROP), [0], torch.device("cpu"))
 
 
 def type_of(value):
