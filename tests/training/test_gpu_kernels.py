@@ -12,7 +12,12 @@ from pkgutil import iter_modules
 import pytest
 import torch
 
+from lidarplace.clouds.collect import SimulatedClouds
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 from tests.training import gpu_compilation
+from tests.training.test_casting import CROP, log_of
+from training.casting import cast_frames
 from training.detectors.heads.anchor_targets import _assign_triton, anchor_rules
 from training.detectors.heads.anchors import KITTI_ANCHORS, anchor_grid
 from training.ops import gpu
@@ -35,6 +40,8 @@ def run_all(dtype):
     anchors = anchor_grid([KITTI_ANCHORS["Car"]], (0, 0, 0, 4, 4, 4), (2, 2), centred=True)
     rules = anchor_rules([KITTI_ANCHORS["Car"]])
     _assign_triton(anchors, rules, list(boxes), torch.ones(2, 6, dtype=torch.int64))
+    rig = Placement("one", [Mount(z=2.0)], Lidar((-0.2,), azimuth_steps=4))
+    cast_frames(SimulatedClouds(log_of(1, 0), [0], rig, CROP), [0], torch.device("cpu"))
 
 
 def type_of(value):

@@ -105,9 +105,8 @@ class _Image(torch.autograd.Function):
         terms, total, squares, mean, scale, rows = ctx.sums
         gamma, beta = ctx.saved_tensors
         weights = gamma.detach().numpy(), beta.detach().numpy()
-        of_terms, of_gamma, of_beta = _gradients(
-            *ctx.of_pillars, np.ascontiguousarray(gradient.numpy()), *weights
-        )
+        of_cells = np.ascontiguousarray(gradient.numpy())
+        of_terms, of_gamma, of_beta = _gradients(ctx.of_pillars, of_cells, *weights)
         by_normal = (terms @ squares - np.outer(mean, total)) * scale[:, None]
         of_terms -= np.outer(of_beta, total) / rows + of_gamma[:, None] * by_normal / rows
         of_terms *= (gamma.detach().numpy() * scale)[:, None]
@@ -224,10 +223,11 @@ def _normalise(best, winner, common, sign, padded, affine, cells, image):
 
 
 @njit(cache=True)
-def _gradients(points, winner, centres, rest, normal, cells, gradient, gamma, beta):
+def _gradients(pillars, gradient, gamma, beta):
     """Sums over the pillars of the gradients g at the output of batch norm, float64.
 
     Of the ten terms times g (C, 10), of normalised values times g (C,), and of g (C,)."""
+    points, winner, centres, rest, normal, cells = pillars
     channels = len(gamma)
     of_terms, of_gamma, of_beta = np.zeros((channels, 10)), np.zeros(channels), np.zeros(channels)
     for p in range(len(cells)):
