@@ -43,16 +43,17 @@ def _points(random: np.random.Generator, device: torch.device) -> None:
         xyz = random.uniform((0, -40, -3), (70, 40, 1), (count, 3))
         cloud = torch.from_numpy(xyz.astype(np.float32)).to(device)
         counts, chosen = torch.tensor([count]).to(device), torch.tensor([2048]).to(device)
-        _report("furthest 2048", furthest_point_sample, cloud, counts, 2048)
-        centres = cloud[furthest_point_sample(cloud, counts, 2048)[0]]
+        _report("furthest 2048", furthest_point_sample, cloud, [count], 2048)
+        centres = cloud[furthest_point_sample(cloud, [count], 2048)[0]]
         for ball in ((0.8, 16), (2.4, 32)):
             name = f"ball query 2048, {ball[0]} m, {ball[1]} samples"
             _report(name, ball_query, *ball, cloud, counts, centres, chosen)
         _report("three nearest of 2048", three_nn, cloud, counts, centres, chosen)
         rois = _scattered(random, 128, device)
         features = torch.ones(count, 128, device=device)
-        _report("box of 128 of every point", box_of_points, cloud, rois)
-        _report("512 points of each of 128 boxes", pool_points, cloud, features, rois, 512, 1.0)
+        _report("box of 128 of every point", box_of_points, cloud, [count], [rois])
+        pooled = cloud, [count], features, rois[None], 512, 1.0
+        _report("512 points of each of 128 boxes", pool_points, *pooled)
         idx, _ = ball_query(2.4, 32, cloud, counts, centres, chosen)
         _report("group 2048 × 32 × 128, both ways", _both_ways, features.requires_grad_(), idx)
 

@@ -39,7 +39,7 @@ def on_cpu():
 
 
 @pytest.fixture
-def other(monkeypatch):
+def other(monkeypatch, large_blocks):
     """The device that stands for a GPU; what a test changes of its memory is undone."""
     monkeypatch.setattr(MEMORY, "total", MEMORY.total)
     with other_device() as place:

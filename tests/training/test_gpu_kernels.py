@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from tests.training import gpu_compilation
-from training.ops import gpu
+from training.ops import ball_query, gpu, interpolation, points_in_boxes, voxel_query
 from training.ops.sampling import _furthest_triton
 
 TYPES = {
@@ -26,6 +26,14 @@ def run_all(dtype):
     """Run each operation that has a kernel once."""
     xyz = torch.rand(40, 3).to(dtype)
     _furthest_triton(xyz, [30, 10], 4)
+    frames = xyz, torch.tensor([30, 10])
+    ball_query._query_triton(0.1, 4, *frames, *frames)
+    interpolation._nearest_triton(*frames, *frames)
+    points_in_boxes._first_box_triton(xyz, [30, 10], 2 * [torch.rand(2, 7).to(dtype)])
+    points_in_boxes._first_points_triton(xyz, [30, 10], torch.rand(2, 2, 7).to(dtype), 4)
+    cells = torch.cartesian_prod(torch.arange(5), torch.arange(2), torch.arange(2), torch.arange(2))
+    voxels = voxel_query.OccupiedVoxels(xyz, cells, (2, 2, 2))
+    voxel_query._query_triton((1, 1, 1), 0.1, 4, voxels, xyz, cells)
 
 
 def type_of(value):
