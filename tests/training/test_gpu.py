@@ -77,7 +77,7 @@ def some_frames(dtype=torch.float32):
 
 
 def untrained(network):
-    """A tiny network; few RoIs, as the GPU's searches are slow on a CPU."""
+    """A tiny network; few points and RoIs, as the GPU's searches are slow on a CPU."""
     torch.manual_seed(0)
     model = build_detector(network, ["Car"], preset="tiny")
     if hasattr(model, "roi_head"):
@@ -88,6 +88,10 @@ def untrained(network):
         )
         sampling = replace(settings.sampling, rois=8)
         model.roi_head.settings = replace(settings, train=train, test=test, sampling=sampling)
+    if hasattr(model, "pfe"):
+        model.pfe.keypoints = 64
+    if hasattr(model, "points"):
+        model.points, model.backbone_3d.SA_modules.places = 512, (64, 16)
     return model
 
 
