@@ -200,7 +200,12 @@ def test_ball_query_takes_the_first_within_the_radius(first, second, new, radius
 
 
 @settings(max_examples=12)
-@given(st.data(), st.lists(st.sampled_from([0, 1, 30, 300]), max_size=6), st.sampled_from([np.float32, np.float64]), st.integers(0, 2**32 - 1))
+@given(
+    st.data(),
+    st.lists(st.sampled_from([0, 1, 30, 300]), max_size=6),
+    st.sampled_from([np.float32, np.float64]),
+    st.integers(0, 2**32 - 1),
+)
 def test_many_frames_are_the_same_on_both_paths(data, counts, dtype, seed):
     """Distances of 0.1 and their multiples: ties, and points at exactly the radius."""
     new_counts = data.draw(st.lists(st.integers(0, 9), min_size=len(counts), max_size=len(counts)))
