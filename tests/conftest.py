@@ -61,7 +61,7 @@ def large_blocks(monkeypatch):
     """Let few programs of a GPU's kernels do the work: on a CPU, the interpreter takes as long for
     an operation on few numbers as on many."""
     for name, size in {
-        "neighbours._ROWS": 512, "neighbours._TILE": 512,
+        "neighbours._ROWS": 128, "neighbours._TILE": 1024, "neighbours._PLACES": 512,
         "neighbours._POINTS": 1024, "points_in_boxes._POINTS": 1024, "points_in_boxes._ROIS": 32,
     }.items():  # fmt: skip
         monkeypatch.setattr(f"training.ops.gpu.{name}", size)

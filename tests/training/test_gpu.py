@@ -84,14 +84,15 @@ def untrained(network):
         settings = model.roi_head.settings
         train, test = (
             replace(settings.train, pre=256, post=64),
-            replace(settings.test, pre=256, post=16),
+            replace(settings.test, pre=256, post=8),
         )
-        sampling = replace(settings.sampling, rois=8)
+        sampling = replace(settings.sampling, rois=4)
         model.roi_head.settings = replace(settings, train=train, test=test, sampling=sampling)
     if hasattr(model, "pfe"):
-        model.pfe.keypoints = 64
+        model.pfe.keypoints = 24
     if hasattr(model, "points"):
-        model.points, model.backbone_3d.SA_modules.places = 512, (64, 16)
+        model.points, model.backbone_3d.SA_modules.places = 512, (32, 8)
+        model.roi_head.SA_modules.places = (4,)
     return model
 
 

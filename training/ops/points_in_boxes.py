@@ -100,7 +100,7 @@ def _first_points_kernel(points, boxes, cosine, sine, margin, start, idx, empty)
 
 
 @inner
-def _is_within(dx, dy, half, margin, cosine, sine) -> bool:
+def _is_within(dx, dy, half, margin, cosine, sine):
     """Test a point at (dx, dy) from the centre of a box against its sides."""
     along, across = dx * cosine + dy * sine, dy * cosine - dx * sine
     return abs(along) < half[0] + margin and abs(across) < half[1] + margin
@@ -142,8 +142,9 @@ def _first_points_numba(points, counts, boxes, samples) -> tuple[Tensor, Tensor]
     empty = np.empty(frames.shape[:2], bool)
     cosine, sine = (part.numpy() for part in cos_sin(boxes[..., 6]))
     start, margin = 0, xyz.dtype.type(MARGIN)
-    for count, *sides, rows, none in zip(counts, frames, cosine, sine, idx, empty, strict=True):
-        _first_points_kernel(xyz[start : start + count], *sides, margin, start, rows, none)
+    for b, count in enumerate(counts):
+        sides = frames[b], cosine[b], sine[b], margin
+        _first_points_kernel(xyz[start : start + count], *sides, start, idx[b], empty[b])
         start += count
     return torch.from_numpy(idx).flatten(0, 1), torch.from_numpy(empty).flatten()
 

@@ -10,7 +10,7 @@ from torch import Tensor
 from training.ops.gpu.launch import launch
 
 _ROWS, _TILE = 16, 256  # new points of a program, and points that it looks at in one go
-_LINES = 8  # lines of cells that a program of the voxel query looks at in one go
+_PLACES, _LINES = 16, 8  # new points of a voxel query's program, lines of cells in one go
 _POINTS, _LANES = 32, 64  # points of a program, and places that it looks at in one go
 _NO_ROW = tl.constexpr(0x7FFFFFFF)
 
@@ -42,9 +42,9 @@ def voxels_around(
     idx, empty = _results(len(new_xyz), samples, xyz.device)
     places = xyz.contiguous(), keys, new_xyz.contiguous(), new_coordinates.contiguous()
     sizes = (*shape, *reach, len(keys), len(keys).bit_length(), len(new_xyz), samples)
-    blocks = {"ROWS": _ROWS, "LINES": _LINES, "LANES": triton.next_power_of_2(samples)}
+    blocks = {"ROWS": _PLACES, "LINES": _LINES, "LANES": triton.next_power_of_2(samples)}
     blocks["WIDTH"] = triton.next_power_of_2(2 * reach[2] + 1)
-    programs = triton.cdiv(len(new_xyz), _ROWS)
+    programs = triton.cdiv(len(new_xyz), _PLACES)
     launch(_voxel_kernel, programs, *places, idx, empty, *sizes, SQUARED=squared, **blocks)
     return idx, empty
 
