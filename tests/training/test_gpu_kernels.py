@@ -12,7 +12,12 @@ from pkgutil import iter_modules
 import pytest
 import torch
 
+from lidarplace.clouds.collect import SimulatedClouds
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 from tests.training import gpu_compilation
+from tests.training.test_casting import CROP, log_of
+from training.casting import cast_frames
 from training.ops import ball_query, gpu, interpolation, points_in_boxes, voxel_query
 from training.ops.sampling import _furthest_triton
 
@@ -34,6 +39,8 @@ def run_all(dtype):
     cells = torch.cartesian_prod(torch.arange(5), torch.arange(2), torch.arange(2), torch.arange(2))
     voxels = voxel_query.OccupiedVoxels(xyz, cells, (2, 2, 2))
     voxel_query._query_triton((1, 1, 1), 0.1, 4, voxels, xyz, cells)
+    rig = Placement("one", [Mount(z=2.0)], Lidar((-0.2,), azimuth_steps=4))
+    cast_frames(SimulatedClouds(log_of(1, 0), [0], rig, CROP), [0], torch.device("cpu"))
 
 
 def type_of(value):
