@@ -123,7 +123,7 @@ class PointRCNN(Detector):
         """Features and raw outputs of the points that are chosen from frames (N, 4)."""
         inside = (within(frame, self.point_range) for frame in frames)
         chosen = [sample_points(frame, self.points, self.training) for frame in inside]
-        counts = torch.tensor([len(frame) for frame in chosen], device=self.device)
+        counts = [len(frame) for frame in chosen]
         points = torch.cat(chosen).to(self.point_head.sizes)
         xyz = points[:, :3].contiguous()
         features = self.backbone_3d(xyz, counts, points[:, 3:])
@@ -133,10 +133,9 @@ class PointRCNN(Detector):
 
     def propose(self, points: ScoredPoints, output: PointOutput) -> Proposals:
         """Propose the best boxes of the points of each frame."""
-        counts = points.counts.tolist()
-        parts = (output.logits, self.point_head.decode(output, points.xyz))
+        parts = output.logits, self.point_head.decode(output, points.xyz)
         # A box of what fills up is not finite, and no proposal.
-        padded = (pad_sequence(part.split(counts), True, torch.nan) for part in parts)
+        padded = (pad_sequence(part.split(points.counts), True, torch.nan) for part in parts)
         return self.roi_head.propose(*padded)
 
     def loss(self, points: Rows, boxes: Rows, labels: Rows) -> dict[str, Tensor]:
