@@ -4,9 +4,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from training.ops.grouping import counting_sort
 from training.ops.sparse_conv import SparseConv3d, SparseTensor, SubmanifoldConv3d
-from training.ops.sparse_rules import _by_row_torch, _neighbours_numba, _neighbours_torch
 
 STRIDED = [
     ((3, 3, 3), (2, 2, 2), (1, 1, 1)),
@@ -89,23 +87,6 @@ def test_gradients_are_finite_differences():
             return torch.func.functional_call(module, {"weight": weight}, inputs).features
 
         assert torch.autograd.gradcheck(output, (x.features.requires_grad_(), weight))
-
-
-@pytest.mark.parametrize("grid", [*GRIDS, ((20, 60, 50), 2, 0.03)])
-def test_torch_finds_the_pairs_that_numba_finds(grid):
-    torch.manual_seed(1)
-    x = sites(*grid)
-    keys = torch.unique(torch.randint(0, 3000, (500,)))
-    steps = torch.tensor([-101, -100, -11, -1, 2])
-    ours = _neighbours_numba(keys.numpy(), steps.numpy())
-    assert_same(ours, _neighbours_torch(keys, steps))
-    rows = torch.randint(len(x.coordinates), (300,))
-    other = _by_row_torch(rows, len(x.coordinates))
-    assert_same(counting_sort(rows.numpy(), len(x.coordinates)), other)
-
-
-def assert_same(arrays, tensors):
-    assert [item.tolist() for item in arrays] == [item.tolist() for item in tensors]
 
 
 def test_bev_stacks_the_heights_of_each_channel():
