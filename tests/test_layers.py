@@ -42,7 +42,8 @@ FLOORS = {
     ),
     "lidarplace.scenes": ("datasets parts routes sanity_checks", "*", "kinds layouts"),
     "training": (
-        "average_precision dataset device ops randomness settings typical_objects",
+        "nvidia ops",
+        "average_precision dataset device randomness settings typical_objects",
         "detectors ground_truth_sampling kitti_labels matches sanity_checks",
         "__init__ augment leave_out optimisation",
         "checkpoints",

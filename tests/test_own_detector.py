@@ -1,9 +1,7 @@
 """`examples/own_detector`: a network from outside trains, resumes, and wraps those of others."""
 
 import shutil
-import signal
 import sys
-import time
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -66,32 +64,6 @@ def test_a_sweep_trains_it_and_logs_a_model(tmp_path):
     run, log = ["run", "project/sweep.yaml", "--set", "training.epochs=1"], tmp_path / "out.log"
     assert Forked(run, tmp_path, log).wait(GUARD_S) == 0, log.read_text()
     assert "MLflow refuses" not in log.read_text()
-
-
-@pytest.mark.long
-def test_it_is_killed_resumes_and_is_started_from(tmp_path):
-    """A killed training resumes to the same weights; then a sweep starts from them."""
-    pretrain, ends = ["pretrain", "project/sweep.yaml", "--out", "base.pt"], []
-    for name in ("undisturbed", "killed"):
-        folder = tmp_path / name
-        folder.mkdir()
-        write_sweep(folder)
-        log = folder / "out.log"
-        if name == "killed":
-            first = Forked(pretrain, folder, log)
-            while not [*folder.glob("runs/store/**/last.pt")]:
-                assert first.poll() is None, log.read_text()
-                time.sleep(0.005)
-            first.kill()
-            assert first.wait(GUARD_S) == -signal.SIGKILL
-        assert Forked(pretrain, folder, log).wait(GUARD_S) == 0, log.read_text()
-        ends.append(torch.load(folder / "base.pt", weights_only=True))
-    whole, resumed = (end.pop("model_state") for end in ends)
-    assert ends[0] == ends[1]
-    assert all(torch.equal(whole[name], resumed[name]) for name in whole)
-
-    run = ["run", "project/sweep.yaml", "--set", "training.checkpoint=base.pt"]
-    assert Forked(run, folder, log).wait(GUARD_S) == 0, log.read_text()
 
 
 @pytest.mark.usefixtures("one_thread")

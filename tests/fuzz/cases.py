@@ -2,17 +2,14 @@
 
 import contextlib
 import shutil
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from typing import TypeVar
 
-import pandas as pd
-
-from tests.fuzz import mutate_bytes, mutate_checkpoints, mutate_lines, mutate_tables
+from tests.fuzz import mutate_bytes, mutate_files, mutate_tables
 from tests.fuzz.judge import DONE, Outcome, inside, judge_reader, judge_verb
-from tests.fuzz.mutate_arrays import npy, npz
 from tests.fuzz.mutate_bytes import Mutation
 from tests.fuzz.mutate_values import json_syntax, json_value, yaml_syntax, yaml_value
 from tests.fuzz.targets import Target, app_of, parts_of
@@ -25,12 +22,12 @@ BY_SUFFIX: dict[str, Sequence[Mutation]] = {
     ".parquet": mutate_tables.ANY,
     ".csv": mutate_tables.ANY,
     ".feather": mutate_tables.ANY,
-    ".txt": mutate_lines.ANY,
+    ".txt": mutate_files.TEXT,
     ".json": (json_value, json_value, json_syntax),
     ".yaml": (yaml_value, yaml_value, yaml_syntax),
-    ".npz": (npz,),
-    ".npy": (npy,),
-    ".pt": mutate_checkpoints.ANY,
+    ".npz": (mutate_files.npz,),
+    ".npy": (mutate_files.npy,),
+    ".pt": mutate_files.CHECKPOINT,
 }
 """What fits a file, beside `mutate_bytes.ANY`."""
 
@@ -41,7 +38,7 @@ class Result:
 
     Attributes:
         target: its name.
-        case: seed and number, for `python -m tests.fuzz TARGET SEED NUMBER`.
+        case: seed and number.
         what: which file was made wrong, and how.
     """
 
@@ -100,28 +97,13 @@ def _outcome(target: Target, path: Path, place: Path) -> Outcome:
     return outcome
 
 
-def run_cases(
-    run: Run[T], targets: Iterable[T], seed: int, count: int, world: Path, places: Path
-) -> Iterator[Result]:
-    """`count` cases of each target, by `run_case` or `run_line`."""
-    for place, target in enumerate(targets):
-        for number in range(count):
-            yield run(target, seed, number, world, places / f"{place}-{number}")
-
-
-def table(results: Sequence[Result]) -> str:
-    """Counts: rows of targets, columns of outcomes."""
-    rows = [(result.target, result.outcome.kind) for result in results]
-    outcomes = pd.DataFrame(rows, columns=["target", "outcome"])
-    counts = pd.crosstab(outcomes["target"], outcomes["outcome"], margins=True, margins_name="all")
-    return str(counts.to_string())
-
-
 def faults(
     run: Run[T], targets: Sequence[T], seed: int, count: int, world: Path, folder: Path
 ) -> list[str]:
-    """Cases that were neither done nor refused; the counts are printed."""
-    results = list(run_cases(run, targets, seed, count, world, folder))
-    print(table(results))
-    assert len(results) == count * len(targets)
+    """List `count` cases of each target that were neither done nor refused."""
+    results = [
+        run(target, seed, number, world, folder / f"{place}-{number}")
+        for place, target in enumerate(targets)
+        for number in range(count)
+    ]
     return [str(result) for result in results if result.outcome.fault]

@@ -5,7 +5,6 @@ import shutil
 import pytest
 
 from tests.fuzz.cases import faults, outcome_of, run_case
-from tests.fuzz.classes import PLACES, run_class
 from tests.fuzz.judge import DONE
 from tests.fuzz.targets import DATA, DETECTIONS, MAPS, REPORTS, SETTINGS
 
@@ -29,11 +28,6 @@ def test_wrong_data(target, count, world, tmp_path):
     if target in MAPS:
         pytest.importorskip("sumolib")
     assert not faults(run_case, [target], 0, count, world, tmp_path)
-
-
-@pytest.mark.parametrize("key", PLACES)
-def test_classes_as_keys(key, world, tmp_path):
-    assert not faults(run_class, [key], 50, 12, world, tmp_path)
 
 
 @pytest.mark.long

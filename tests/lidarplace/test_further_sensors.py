@@ -1,14 +1,10 @@
 """Cameras and radars: what they have of objects by hand, in requirements, and through files."""
 
-import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount, Placement
@@ -19,7 +15,6 @@ from lidarplace.configuration.further_sensors import (
     further_catalogue,
     further_sensors,
 )
-from lidarplace.configuration.placement import read_placement, read_placement_settings
 from lidarplace.mounting.common_view import CommonView, common_view
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Area
@@ -188,82 +183,6 @@ def test_frames_that_are_cameras_are_named(name, tmp_path):
     )
     assert sensors["radar_1"].further.built().ranges == (("", 130.0),)
     assert [name for name, sensor in sensors.items() if sensor.kind == "lidar"] == ["lidar_1"]
-
-
-def nuscenes_tables(folder):
-    """Five cameras, five radars and three LiDARs."""
-    random = np.random.default_rng(0)
-    folder.mkdir()
-    sensors, rows = [], []
-    kinds = [("camera", "CAM", 5), ("radar", "RADAR", 5), ("lidar", "LIDAR", 3)]
-    for kind, name, number in kinds:
-        for n in range(number):
-            token = f"{kind}{n}"
-            sensors.append({"token": token, "channel": f"{name}_{n}", "modality": kind})
-            turned = np.roll(Rotation.random(random_state=10 * n + number).as_quat(), 1).tolist()
-            fx = float(random.uniform(800, 1300))
-            k = [[fx, 0.0, 810.5], [0.0, fx, 440.25], [0.0, 0.0, 1.0]] if kind == "camera" else []
-            place = random.uniform([-1, -0.8, 0.4], [2, 0.8, 1.9]).tolist()
-            calibration = {"token": f"c{token}", "sensor_token": token, "translation": place}
-            rows.append(calibration | {"rotation": turned, "camera_intrinsic": k})
-    for name, table in (("sensor", sensors), ("calibrated_sensor", rows)):
-        (folder / f"{name}.json").write_text(json.dumps(table))
-    return {sensor["channel"]: row for sensor, row in zip(sensors, rows, strict=True)}
-
-
-def test_a_rig_of_nuscenes_changed_in_the_studio_and_written_back(tmp_path, monkeypatch):
-    from lidarplace.studio.rig import posed
-    from lidarplace.studio.rigs_file import read_rigs
-    from lidarplace.studio.violations import requirement_results
-
-    before = nuscenes_tables(tmp_path / "v1")
-    monkeypatch.chdir(tmp_path)
-    words = ["--format", "nuscenes"]
-    models = ["--lidar", "vlp16", "--radar", "drvegrd171"]
-    result = CliRunner().invoke(app, ["v1", "rig.yaml", *words, *models])
-    assert result.exit_code == 0, result.output
-    settings = read_placement_settings(Path("rig.yaml"))
-    assert [len(settings.mounts), len(settings.cameras), len(settings.radars)] == [3, 5, 5]
-    assert len(read_placement(Path("rig.yaml"), Lidar.paper()).mounts) == 3
-
-    content = yaml.safe_load(Path("rig.yaml").read_text())
-    people = {
-        "name": "twice", "where": {"x": [-4, 6], "y": [-3, 3]}, "what": "Pedestrian", "step": 1.0,
-        "at_least": {"points": 2, "pixels": 20, "reach": 1, "sensors": 2, "kinds": 2},
-    }  # fmt: skip
-    whole = {"placements": {"mine": content}, "requirements": [people], "vehicle": []}
-    Path("studio.yaml").write_text(yaml.safe_dump(whole))
-    file = read_rigs(Path("studio.yaml"))
-    rig = file.rigs[0]
-    (with_cameras,) = requirement_results(rig, file, file.layouts)
-    alone = type(rig)(rig.name, rig.lidars)
-    (without,) = requirement_results(alone, file, file.layouts)
-    assert (with_cameras.least_of >= without.least_of).all()
-    assert with_cameras.least_of.max() > 1 > without.least_of.max() == 0
-
-    moved = posed(rig, 0, z=rig.pose(0)["z"] + 0.1)
-    saved = yaml.safe_load(file.text_with([moved]))["placements"]["mine"]
-    assert saved["cameras"] == content["cameras"]
-    assert saved["radars"] == content["radars"]
-    Path("saved.yaml").write_text(yaml.safe_dump(saved))
-    result = CliRunner().invoke(app, ["saved.yaml", "v2", *words])
-    assert result.exit_code == 0, result.output
-    sensors = json.loads(Path("v2/sensor.json").read_text())
-    channels = {sensor["token"]: (sensor["channel"], sensor["modality"]) for sensor in sensors}
-    rows = json.loads(Path("v2/calibrated_sensor.json").read_text())
-    assert len(rows) == 13
-    for row in rows:
-        channel, kind = channels[row["sensor_token"]]
-        assert channel.startswith({"camera": "CAM", "radar": "RADAR", "lidar": "LIDAR"}[kind])
-        old = dict(before[channel])
-        if channel == "LIDAR_0":
-            old["translation"] = [*old["translation"][:2], old["translation"][2] + 0.1]
-        np.testing.assert_allclose(row["translation"], old["translation"], atol=2e-9)
-        turned = [
-            Rotation.from_quat(np.roll(calibration["rotation"], -1)) for calibration in (row, old)
-        ]
-        assert (turned[0] * turned[1].inv()).magnitude() < 1e-7
-        assert row["camera_intrinsic"] == old["camera_intrinsic"]
 
 
 def test_what_the_catalogue_holds_can_be_built_and_has_a_source():

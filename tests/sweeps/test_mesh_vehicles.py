@@ -1,42 +1,27 @@
 """A vehicle as a mesh file: read, refused in a line, and in all that a sweep or a search does."""
 
-import base64
-import json
 import pickle
-import re
 import shutil
 import sys
 
 import numpy as np
-import pandas as pd
 import pytest
-import yaml
 
-from lidarplace import Lidar, Mount, Placement
-from lidarplace.clouds.collect import collect
-from lidarplace.logs.box_log import read_box_log
-from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.studio.rigs_file import read_rigs
-from lidarplace.studio.violations import violations
-from sweeps.commands.requirements import app as requirements
+from lidarplace import Mount
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
-from sweeps.configuration.requirements_file import read_requirements_check
 from sweeps.plan.plan import make_plan
-from sweeps.results.rig_cautions import rig_cautions
-from sweeps.results.rigs import write_rigs_page
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.rig import MountedLidar
 from tests.sweeps.search_files import write_search
 from tests.sweeps.small_log import write_sweep
-from tests.sweeps.toy import call, ran
+from tests.sweeps.toy import ran
 from tracking.run_folders.sweep import RunFolder
 
 trimesh = pytest.importorskip("trimesh")
 
 LOW, HIGH = (-2.0, -0.9, 0.2), (2.0, 0.9, 1.5)
-BOX = Vehicle("vehicle", np.array([[LOW, HIGH]]))
 PEOPLE = {"name": "people", "where": {"distance": [0.5, 2]}, "what": "Pedestrian", "step": 0.5}
 
 
@@ -167,23 +152,6 @@ def test_a_task_has_the_triangles_with_it(folder):
     assert type(task)(stage, "", task.inputs).key == key
 
 
-def test_clouds_are_those_of_the_box(folder):
-    mesh = body_of(folder, "body.stl")
-    lidar = Lidar(tuple(np.radians(np.linspace(-60, 5, 24))), 720)
-    rig = Placement("two", [Mount(0.31, 0.2, 1.9, 0.1, 0.05), Mount(2.3, -0.5, 0.7)], lidar)
-    log = read_box_log(folder / "log")
-    frames = log.frames["frame"].to_numpy()[:2]
-    crop = (-40.0, -20.0, -0.5, 40.0, 20.0, 4.0)
-    mesh_clouds, other, none = (
-        collect(log, frames, rig, crop, vehicle=vehicle)
-        for vehicle in (mesh, BOX, Vehicle("none", np.empty((0, 2, 3))))
-    )
-    np.testing.assert_array_equal(mesh_clouds.counts, other.counts)
-    for number in range(2):
-        np.testing.assert_array_equal(mesh_clouds[number], other[number])
-    assert (none.counts > mesh_clouds.counts).all()
-
-
 def test_mounts_inside_are_refused(folder):
     inside = {"mine": {"mounts": [{"z": 2.0}, {"x": 1.9, "z": 0.6}]}}
     with pytest.raises(ConfigError, match=r"LiDAR 2 at \(1.9, 0, 0.6\) is inside the vehicle's"):
@@ -209,66 +177,9 @@ def test_searches_with_a_mesh_measure_as_with_the_box(folder):
     assert measures[0] == pytest.approx(measures[1], abs=1e-9)
 
 
-def test_a_caution_says_how_much_a_mesh_stops(folder):
-    changes = {"placements": {"low": {"mounts": [{"z": 2.0}, {"z": 1.52}]}}, "detector": None}
-    changes["placement"] = "low"
-    caution, other = (
-        rig_cautions(make_plan(read_sweep(sweep_file(folder, vehicle=vehicle, **changes))))
-        for vehicle in ("body.stl", [[LOW, HIGH]])
-    )
-    assert caution == other
-    assert any("what LiDAR 2 fires meets the vehicle" in line for line in caution)
-
-
 def test_the_run_folder_of_a_sweep_has_the_mesh(folder):
     sweep = read_sweep(sweep_file(folder, detector=None))
     (folder / "body.stl").unlink()  # it has been read
     body = RunFolder.read(ran(sweep, folder)[-1]).sweep.body
     assert len(body.mesh.faces) == 12
     np.testing.assert_allclose(body.extents, [[LOW, HIGH]])
-
-
-def test_the_page_of_rigs_has_the_vehicle(folder):
-    sweep = read_sweep(sweep_file(folder, output=str(folder / "runs")))
-    page = write_rigs_page(sweep, []).read_text(encoding="utf-8")
-    assert "the vehicle is on the right" in page
-    (figure,) = re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.DOTALL)
-    drawn = [t for t in json.loads(figure)["data"] if t.get("fill") == "toself"]
-    tops = [numbers(trace["y"]).max() for trace in drawn]
-    assert tops == pytest.approx([HIGH[1], HIGH[2]], abs=1e-6)
-
-
-def numbers(packed):
-    """An array as plotly packs it."""
-    values = np.frombuffer(base64.b64decode(packed["bdata"]), packed["dtype"])
-    return values[~np.isnan(values)]
-
-
-def test_requirements_and_their_page(folder):
-    file = {
-        "lidar": {"beams": 8, "azimuth_steps": 180},
-        "vehicle": "body.stl",
-        "placements": {"mine": {"mounts": [{"z": 1.8}, {"x": 0.5, "z": 1.8}]}},
-        "requirements": [PEOPLE | {"at_least": {"points": 1}}],
-    }
-    path = folder / "needs.yaml"
-    path.write_text(yaml.safe_dump(file))
-    assert len(read_requirements_check(path).vehicle.mesh.faces) == 12
-    tables = []
-    for name, changes in (("mesh", []), ("boxes", ["--set", f"vehicle=[[{[*LOW]}, {[*HIGH]}]]"])):
-        call(requirements, path, "--out", folder / name, *changes)
-        tables.append(pd.read_csv(folder / f"{name}.csv"))
-    pd.testing.assert_frame_equal(*tables, rtol=1e-5)
-
-
-def test_a_studio_s_file(folder):
-    path = folder / "rigs.yaml"
-    rig = {"mounts": [{"z": 2.0}, {"x": 1.9, "z": 0.6}]}
-    path.write_text(yaml.safe_dump({"vehicle": "body.stl", "placements": {"mine": rig}}))
-    file = read_rigs(path)
-    assert file.vehicle.height == 1.5
-    (inside,) = [
-        violation for violation in violations(file.rigs[0], file) if violation.limit == "body"
-    ]
-    assert inside.lidars == (1,)
-    assert inside.excess == pytest.approx(0.1, abs=1e-6)

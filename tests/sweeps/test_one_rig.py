@@ -1,6 +1,5 @@
 """A configuration's rigs are built once, and its way to the first task is short."""
 
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -9,10 +8,8 @@ import pytest
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Placement
 from sweeps.plan.plan import read_plan
-from sweeps.stages.task import Task
 
 GRID = Path(__file__).parents[2] / "examples/grid.yaml"
-ROOMS = ("sweeps.configuration.", "sweeps.plan.", "lidarplace.configuration.")
 
 
 @pytest.fixture
@@ -51,35 +48,3 @@ def test_rungs_and_seeds_share_a_rig(built):
     sweep, _ = read_plan(GRID, [*more, "grid.placement=[corners, line]"])
     assert len({id(point.rig) for point in sweep.points}) == 2 < len(sweep.points) == 8
     assert max(built.values()) == 1
-
-
-def test_a_configuration_returns_to_few_modules_before_the_first_task(monkeypatch):
-    """A return is a call, from a line of our rooms, into another module that was left before."""
-    seen, returns = set(), {}
-
-    def room(frame):
-        name = frame.f_globals.get("__name__", "") if frame else ""
-        return name if name.startswith(ROOMS) else None
-
-    def follow(frame, event, _):
-        here, caller = room(frame), room(frame.f_back)
-        if event == "call" and here is not None:
-            if caller not in (None, here):
-                way = caller, frame.f_back.f_code.co_name, here, frame.f_code.co_name
-                returns.setdefault(way, here in seen)
-            seen.add(here)
-
-    class FirstTask(Exception):
-        pass
-
-    def stop(*_):
-        raise FirstTask
-
-    monkeypatch.setattr(Task, "__init__", stop)
-    sys.setprofile(follow)
-    try:
-        with pytest.raises(FirstTask):
-            read_plan(GRID)
-    finally:
-        sys.setprofile(None)
-    assert sum(returns.values()) <= 8, "\n".join(map(str, [w for w, b in returns.items() if b]))

@@ -2,9 +2,7 @@
 
 import json
 import pickle
-import time
 from functools import cache
-from pathlib import Path
 
 import optuna
 import pandas as pd
@@ -17,7 +15,6 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess, Later
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.trials.study import journal_path
-from tests.forked import GUARD_S, Forked
 from tests.sweeps.search_files import run_search, searched, train_log, write_search
 from tests.sweeps.written_tables import check_columns
 from tracking.mlflow.connection import connect
@@ -25,7 +22,6 @@ from tracking.mlflow.experiment_page import VIEW_TAG
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_tables import BOUND, GREEDY, ROBUSTNESS
 
-ROOT = Path(__file__).parents[2]
 AWAY = {"away": {"x": [-100, -99], "y": [-0.6, 0.6], "z": [1, 2]}}
 """From there short LiDARs see nothing of the ROI."""
 SHORT = {"beams": 4, "azimuth_steps": 90, "range": 50}
@@ -266,29 +262,6 @@ def test_the_outcome_does_not_depend_on_workers(folder, tmp_path, monkeypatch, r
         monkeypatch.setattr("sweeps.execution.backends.InProcess", Elsewhere)
     searched(tmp_path, name="two", ray=ray)
     pd.testing.assert_frame_equal(trials(folder).iloc[:12], trials(tmp_path, "two"))
-
-
-def test_a_killed_process(tmp_path):
-    """SIGKILL, at a moment when trials are there and others are not."""
-    settings = {"greedy": None}
-    searched(tmp_path, name="w", search=settings)
-    path = write_search(tmp_path, name="k", search=settings)
-    process = Forked(["search", str(path)], ROOT, tmp_path / "log.txt")
-    journal = journal_path(tmp_path / "runs/k")
-    give_up = time.monotonic() + GUARD_S
-    while not (journal.exists() and journal.read_bytes().count(b"\n") > 60):
-        assert process.poll() is None, (tmp_path / "log.txt").read_text()
-        assert time.monotonic() < give_up
-        time.sleep(0.02)
-    process.kill()
-    process.wait(GUARD_S)
-    assert journal.read_bytes()
-    run_search(path)
-    pd.testing.assert_frame_equal(trials(tmp_path, "k"), trials(tmp_path, "w"))
-    client = connect(f"sqlite:///{tmp_path / 'runs/mlflow.db'}")
-    runs = client.search_runs([client.get_experiment_by_name("k").experiment_id], max_results=200)
-    names = [run.data.tags["mlflow.runName"] for run in runs]
-    assert sorted(names) == sorted(["k", *(f"trial {n}" for n in range(12))])
 
 
 def test_an_emptied_journal_is_told(tmp_path):

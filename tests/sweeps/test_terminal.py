@@ -11,13 +11,8 @@ from rich.table import Table
 
 from lidarplace.command_line.terminal import Terminal, output, say, table, visible
 from lidarplace.command_line.verbs import wrong
-from sweeps.commands.doctor import Finding
-from sweeps.commands.doctor import _print as print_findings
-from sweeps.commands.status import print_state
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress
-from sweeps.results.dry_run import DryRun, print_dry_run
-from sweeps.results.state import SweepState, TrialState
 from sweeps.stages.task import Task
 from sweeps.store.local import Store
 from tests.sweeps.toy import TrainingToy
@@ -94,21 +89,6 @@ def test_an_option_that_is_unknown(capsys, monkeypatch):
     assert r"up\x1b[2A" in told
 
 
-def test_the_state_of_a_sweep():
-    trials = [TrialState(name, "failed", OBEYED, name) for name in NAMES]
-    state = SweepState(NAMES[0], False, {"train": {"failed": 6}}, trials)
-    assert_shown(printed(print_state, state, True, "lidarplace run small.yaml --rerun-failed"))
-
-
-def test_the_plan_of_a_sweep():
-    trials = [{"key": "k", "label": name, "cached": False} for name in NAMES]
-    scenes = [{"scene": OBEYED, "train_frames": 1, "test_frames": 1}]
-    stages = {"train": {"tasks": 6, "cached": 0}}
-    asked = [{"requirement": name, "measure": "points"} for name in NAMES]
-    plan = DryRun(OBEYED, stages, [], scenes, trials, asked, [], 0, [OBEYED])
-    assert_shown(printed(print_dry_run, plan))
-
-
 @pytest.mark.parametrize("terminal", [False, True])
 def test_the_progress_of_a_sweep(terminal, tmp_path):
     store = Store(tmp_path)
@@ -123,13 +103,6 @@ def test_the_progress_of_a_sweep(terminal, tmp_path):
                 progress.failed(task, Failure(f"{task.label} has no points"))
 
     assert_shown("".join(c for c in printed(run, terminal=terminal) if c != "\r"))
-
-
-def test_what_the_doctor_finds():
-    findings = [Finding(OBEYED, "missing", name, check=name, needed_for=name) for name in NAMES]
-    text = printed(print_findings, findings)
-    assert_shown(text)
-    assert "✗ Missing\n" in text
 
 
 def test_there_is_no_other_console():

@@ -60,24 +60,6 @@ def test_unequal_seeds_by_weighted_draws_from_the_prior():
     assert probability(y) == pytest.approx(brute, abs=0.04)
 
 
-def test_it_happens_as_often_as_said():
-    """Worlds drawn from the prior; a flat prior would say 0.11 more than happens."""
-    rng = np.random.default_rng(1)
-    claims, right, n, seeds = [], [], 6, 3
-    for i in range(1500):
-        between = np.abs(rng.standard_cauchy()) / np.sqrt(seeds)
-        truth = between * rng.standard_normal(n)
-        y = truth[:, None] + rng.standard_normal((n, seeds))
-        odds = probability(y, seed=i, draws=500)
-        best = y.mean(axis=1).argmax()
-        claims.append(odds[best])
-        right.append(truth.argmax() == best)
-    assert np.mean(claims) == pytest.approx(np.mean(right), abs=3 * 0.5 / np.sqrt(len(claims)))
-    sure = np.array(claims) > 0.9
-    shares = np.mean(np.array(claims)[sure]), np.mean(np.array(right)[sure])
-    assert shares[0] == pytest.approx(shares[1], abs=3 * 0.2 / np.sqrt(sure.sum()))
-
-
 def test_units_and_level_do_not_count():
     y = np.random.default_rng(0).normal(size=(5, 3))
     expected = probability(y)

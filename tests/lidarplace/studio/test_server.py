@@ -1,10 +1,7 @@
 """Access to the studio: pages of its own address, and nobody else."""
 
 import socket
-import threading
-from functools import partial
 from http.client import HTTPConnection
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from types import SimpleNamespace
 from urllib.parse import urlsplit
 
@@ -20,15 +17,9 @@ pytest.importorskip("viser")
 import viser
 
 from lidarplace.studio.page.server import serving
-from tests.lidarplace.studio.browsers import chromium
 
 PROTOCOLS = [f"viser-v{viser.__version__}"]
 EVIL = "http://evil.example"
-ASK = """url => new Promise(done => {
-  const socket = new WebSocket(url, PROTOCOLS);
-  socket.onmessage = () => { done("read"); socket.close(); };
-  socket.onerror = () => done("refused");
-})""".replace("PROTOCOLS", str(PROTOCOLS))
 
 
 @pytest.fixture(scope="module")
@@ -110,35 +101,3 @@ def test_a_viser_that_cannot_be_checked_does_not_serve(monkeypatch):
     monkeypatch.setattr(viser.infra._infra, "websockets", listens)
     with refused((f"viser {viser.__version__}", "", ""), "pip install"), serving(None, "one"):
         pass
-
-
-@pytest.fixture
-def elsewhere(tmp_path):
-    """The port of a server of other pages on this machine."""
-    (tmp_path / "index.html").write_text("<title>another page</title>")
-    pages = partial(SimpleHTTPRequestHandler, directory=tmp_path)
-    with ThreadingHTTPServer(("127.0.0.1", 0), pages) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        yield server.server_port
-        server.shutdown()
-        thread.join()
-
-
-@pytest.mark.long
-def test_in_a_browser_a_page_from_elsewhere_cannot_connect(address, elsewhere):
-    parts = urlsplit(address)
-    secret, plain = address.replace("http", "ws"), f"ws://{parts.netloc}/"
-    bound = secret.replace("127.0.0.1", "evil.example")
-    with chromium("--host-resolver-rules=MAP evil.example 127.0.0.1") as (browser, _):
-        tab = browser.new_page()
-        for page, url, outcome in (
-            (f"{EVIL}:{elsewhere}", plain, "refused"),
-            (f"{EVIL}:{elsewhere}", secret, "refused"),
-            (f"http://127.0.0.1:{elsewhere}", secret, "refused"),
-            (f"{EVIL}:{parts.port}", bound, "refused"),
-            (address, plain, "refused"),
-            (address, secret, "read"),
-        ):
-            tab.goto(page)
-            assert tab.evaluate(ASK, url) == outcome, (page, url)
