@@ -14,7 +14,9 @@ import torch
 
 from tests.training import gpu_compilation
 from training.ops import gpu
+from training.ops.gpu.sparse_conv import convolve, weight_gradient
 from training.ops.sampling import _furthest_triton
+from training.ops.sparse_rules import Windows, _keys, _reached_triton, _tables_triton
 
 TYPES = {
     torch.float32: "fp32", torch.float64: "fp64", torch.float16: "fp16", torch.bfloat16: "bf16",
@@ -26,6 +28,14 @@ def run_all(dtype):
     """Run each operation that has a kernel once."""
     xyz = torch.rand(40, 3).to(dtype)
     _furthest_triton(xyz, [30, 10], 4)
+    sites = torch.tensor([[0, 0, 0, 0], [0, 1, 2, 2]])
+    windows = Windows((2, 3, 3), (1, 3, 1), (1, 2, 1), (0, 0, 0))
+    starts = _reached_triton(sites, windows)
+    table, _ = _tables_triton(_keys(sites, windows.extents), starts, windows)
+    for kind in {dtype, torch.float16, torch.bfloat16}:
+        features = xyz[:2].to(kind)
+        convolve(features, torch.zeros(5, 3, 3, dtype=kind), table)
+        weight_gradient(features, torch.zeros(len(starts), 5, dtype=kind), table)
 
 
 def type_of(value):

@@ -1,5 +1,6 @@
 """Sparse convolution as products of matrices whose rows are gathered on the way."""
 
+import torch
 import triton
 import triton.language as tl
 from torch import Tensor
@@ -32,11 +33,12 @@ def weight_gradient(features: Tensor, gradient: Tensor, table: Tensor) -> Tensor
     sizes = gradient.shape[1], len(table), features.shape[1]
     rows, blocks = table.shape[1], _blocks(*sizes)
     portions = triton.cdiv(rows, _PORTION)
-    sums = features.new_empty(portions, *sizes)
+    wide = torch.promote_types(features.dtype, torch.float32)
+    sums = features.new_empty(portions, *sizes, dtype=wide)
     arguments = (features.contiguous(), gradient.contiguous(), table, sums, rows, *sizes)
     programs = portions * len(table) * triton.cdiv(sizes[0], blocks["OUTPUTS"])
     launch(_gradient_kernel, programs, *arguments, PORTION=_PORTION, **blocks)
-    return sums.sum(dim=0)
+    return sums.sum(dim=0).to(features.dtype)
 
 
 def _blocks(outputs: int, positions: int, inputs: int) -> dict[str, int]:
