@@ -43,7 +43,8 @@ FLOORS = {
     "lidarplace.scenes": ("datasets parts routes sanity_checks", "*", "kinds layouts"),
     "training": (
         "nvidia ops",
-        "average_precision dataset device randomness settings typical_objects",
+        "average_precision casting dataset device prediction_batches randomness settings "
+        "typical_objects",
         "detectors ground_truth_sampling kitti_labels matches sanity_checks",
         "__init__ augment leave_out optimisation",
         "checkpoints",
@@ -66,6 +67,7 @@ FLOORS = {
         "figures",
         "mlflow pages",
         "dashboard report search_report",
+        "paper",
     ),
     "tracking.figures": ("kit", "of_searches"),
     "tracking.report": (

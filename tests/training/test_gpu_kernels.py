@@ -12,7 +12,12 @@ from pkgutil import iter_modules
 import pytest
 import torch
 
+from lidarplace.clouds.collect import SimulatedClouds
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 from tests.training import gpu_compilation
+from tests.training.test_casting import CROP, log_of
+from training.casting import cast_frames
 from training.ops import gpu
 from training.ops.gpu.sparse_conv import convolve, weight_gradient
 from training.ops.sampling import _furthest_triton
@@ -36,6 +41,8 @@ def run_all(dtype):
         features = xyz[:2].to(kind)
         convolve(features, torch.zeros(5, 3, 3, dtype=kind), table)
         weight_gradient(features, torch.zeros(len(starts), 5, dtype=kind), table)
+    rig = Placement("one", [Mount(z=2.0)], Lidar((-0.2,), azimuth_steps=4))
+    cast_frames(SimulatedClouds(log_of(1, 0), [0], rig, CROP), [0], torch.device("cpu"))
 
 
 def type_of(value):
