@@ -93,7 +93,7 @@ def _run_kernels() -> None:
 
     image = torch.ones(1, 1, 3, 3, device="cuda")
     torch.nn.functional.conv2d(image, image).item()
-    furthest_point_sample(image.view(3, 3), torch.tensor([3], device="cuda"), 2)[0].tolist()
+    furthest_point_sample(image.view(3, 3), [3], 2)[0].tolist()
 
 
 def _explained(error: Exception) -> str:

@@ -18,7 +18,7 @@ from lidarplace.rigs.placement import Mount, Placement
 from tests.training import gpu_compilation
 from tests.training.test_casting import CROP, log_of
 from training.casting import cast_frames
-from training.ops import gpu
+from training.ops import ball_query, gpu, interpolation, points_in_boxes, voxel_query
 from training.ops.gpu.sparse_conv import convolve, weight_gradient
 from training.ops.sampling import _furthest_triton
 from training.ops.sparse_rules import Windows, _keys, _reached_triton, _tables_triton
@@ -41,6 +41,14 @@ def run_all(dtype):
         features = xyz[:2].to(kind)
         convolve(features, torch.zeros(5, 3, 3, dtype=kind), table)
         weight_gradient(features, torch.zeros(len(starts), 5, dtype=kind), table)
+    frames = xyz, torch.tensor([30, 10])
+    ball_query._query_triton(0.1, 4, *frames, *frames)
+    interpolation._nearest_triton(*frames, *frames)
+    points_in_boxes._first_box_triton(xyz, [30, 10], 2 * [torch.rand(2, 7).to(dtype)])
+    points_in_boxes._first_points_triton(xyz, [30, 10], torch.rand(2, 2, 7).to(dtype), 4)
+    cells = torch.cartesian_prod(torch.arange(5), torch.arange(2), torch.arange(2), torch.arange(2))
+    voxels = voxel_query.OccupiedVoxels(xyz, cells, (2, 2, 2))
+    voxel_query._query_triton((1, 1, 1), 0.1, 4, voxels, xyz, cells)
     rig = Placement("one", [Mount(z=2.0)], Lidar((-0.2,), azimuth_steps=4))
     cast_frames(SimulatedClouds(log_of(1, 0), [0], rig, CROP), [0], torch.device("cpu"))
 
