@@ -105,9 +105,9 @@ def _reached_triton(coordinates: Tensor, windows: Windows) -> Tensor:
     from training.ops.gpu.sparse_rules import window_starts
 
     geometry = windows.kernel, windows.stride, windows.padding
-    # Those of no window are the largest number.
     starts = window_starts(coordinates, windows.extents, windows.counts, *geometry)
-    return torch.unique(starts)[:-1]
+    unique: Tensor = torch.unique(starts)
+    return unique[:-1]  # the largest number stands for no window
 
 
 @njit(cache=True)
