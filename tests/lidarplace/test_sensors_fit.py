@@ -77,7 +77,7 @@ def patterns(draw) -> Lidar:
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(lidar=patterns(), lost=st.sampled_from([0.0, 0.3]), ordered=st.booleans())
 def test_a_simulated_cloud_gives_its_lidar_back(lidar, lost, ordered):
     cloud = cloud_of(lidar, lost=lost)
