@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from lidarplace.clouds.clouds import PointClouds, as_kept, write_clouds
 from lidarplace.clouds.collect import collect
@@ -35,6 +34,7 @@ from lidarplace.validation.simulation import (
 from lidarplace.validation.validation import validate
 from tests.other_simulator import write_log
 from tests.refused import refused
+from tests.sweeps.toy import call
 
 NAMES = ("up", "down")
 LIDAR = Lidar.even(beams=32, elevation_deg=(-25, 12), azimuth_steps=1200, range=150.0)
@@ -276,8 +276,7 @@ def test_what_cannot_be_compared_is_one_line(real):
 def test_the_verb_writes_page_tables_and_a_correction(real, tmp_path):
     folder, log = real
     out = tmp_path / "out"
-    result = CliRunner().invoke(app, [str(folder), "--out", str(out)])
-    assert result.exit_code == 0, result.output
+    result = call(app, folder, "--out", out)
     assert "with a correction" in result.output
     page = (out / "validation.html").read_text(encoding="utf-8")
     answer, first = page.index("Yes, with a correction"), page.index("<h2>")
@@ -287,14 +286,12 @@ def test_the_verb_writes_page_tables_and_a_correction(real, tmp_path):
     scores = pd.read_parquet(out / "scores.parquet")
     assert set(scores["by"]) == {"all", "distance", "class", "route"}
     options = ["--correction", str(out / "correction.yaml")]
-    again = CliRunner().invoke(app, [str(folder), "--out", str(out), *options])
-    assert again.exit_code == 0, again.output
+    again = call(app, folder, "--out", out, *options)
     assert "With the correction, as given, every check is met." in again.output
     assert len(pd.read_parquet(out / "fits.parquet")) == 0, "it is judged without a fit"
     empty = tmp_path / "empty"
     write_box_log(empty, replace(read_box_log(folder), boxes=log.boxes.drop(columns="points")))
-    wrong = CliRunner().invoke(app, [str(empty), "--out", str(out)])
-    assert wrong.exit_code == 2
+    wrong = call(app, empty, "--out", out, code=2)
     assert len(wrong.output.strip().splitlines()) == 1
 
 
@@ -313,11 +310,9 @@ def test_a_world_that_convert_built_stops_simulated_rays(tmp_path):
     scores, behind = {}, {}
     for name, more in (("open", []), ("world", ["--world"])):
         log, out = str(tmp_path / name), tmp_path / f"{name}_out"
-        result = CliRunner().invoke(convert, ["table", f"{tmp_path}/source", log, *clouds, *more])
-        assert result.exit_code == 0, result.output
+        result = call(convert, "table", f"{tmp_path}/source", log, *clouds, *more)
         assert ("static world" in result.output) == bool(more)
-        result = CliRunner().invoke(app, [log, "--out", str(out)])
-        assert result.exit_code == 0, result.output
+        result = call(app, log, "--out", str(out))
         says = f"static world for {100 * len(more)}% of the objects"
         assert says in result.output
         assert says in (out / "validation.html").read_text(encoding="utf-8")
@@ -343,8 +338,7 @@ def test_the_body_of_the_vehicle_is_the_users(real, tmp_path):
     sedan, wide_body = (simulate(rig, frames) for rig in rigs)
     assert wide_body.points.sum() < 0.9 * sedan.points.sum()
     body.write_text("{boxes: [[[0, 0, 0], [1, 1]]]}")
-    wrong = CliRunner().invoke(app, [str(folder), "--vehicle", str(body)])
-    assert wrong.exit_code == 2
+    wrong = call(app, str(folder), "--vehicle", str(body), code=2)
     assert wrong.output.startswith(f"{body}: boxes[0]")
     assert len(wrong.output.strip().splitlines()) == 1
 
