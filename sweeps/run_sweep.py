@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from lidarplace.command_line.invocation import command
-from lidarplace.command_line.terminal import table
+from lidarplace.command_line.terminal import print_warnings, table
 from lidarplace.command_line.verbs import wrong
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.backends import Backend
@@ -185,11 +185,10 @@ def _print_summary(console: Console, analysis: Analysis) -> None:
     rows = (map(cell, row) for row in summary.itertuples(index=False))
     title = f"{run.path.name}: best placement first, {unit}"
     console.print(table(title, list(summary.columns), rows))
+    counted = ray_counting_caution(largest_linear_share(run.surrogates))
+    print_warnings(console, [*counted, *run.sweep.cautions], "report.html")
     for line in analysis.headline:
         console.print(line, soft_wrap=True)
-    counted = ray_counting_caution(largest_linear_share(run.surrogates))
-    for text in [*counted, *run.sweep.cautions]:
-        console.print(f"warning: {text}", style="yellow", soft_wrap=True)
 
 
 def _short(value: object, form: str) -> str:

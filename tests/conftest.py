@@ -3,6 +3,8 @@
 import gc
 import os
 import sys
+from glob import glob
+from importlib.metadata import version
 
 import hypothesis
 import pytest
@@ -11,8 +13,8 @@ import pytest
 hypothesis.settings.register_profile("ours", deadline=None)
 hypothesis.settings.load_profile("ours")
 
-# Without a GPU, its kernels run on the CPU.
-if not os.path.exists("/dev/nvidia0"):
+# Without a GPU, or with a torch for CPUs, kernels of a GPU run on the CPU.
+if not glob("/dev/nvidia[0-9]*") or version("torch").endswith("+cpu"):
     os.environ.setdefault("TRITON_INTERPRET", "1")
 
 if "PYTEST_XDIST_WORKER" in os.environ:
@@ -54,3 +56,14 @@ def on_cpu(monkeypatch):
     # A module whose tests need torch has imported it.
     if "torch" in sys.modules:
         monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+
+
+@pytest.fixture
+def large_blocks(monkeypatch):
+    """Let few programs of a GPU's kernels do the work: on a CPU, the interpreter takes as long for
+    an operation on few numbers as on many."""
+    for name, size in {
+        "neighbours._ROWS": 128, "neighbours._TILE": 1024, "neighbours._PLACES": 512,
+        "neighbours._POINTS": 1024, "points_in_boxes._POINTS": 1024, "points_in_boxes._ROIS": 32,
+    }.items():  # fmt: skip
+        monkeypatch.setattr(f"training.ops.gpu.{name}", size)

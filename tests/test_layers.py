@@ -42,7 +42,9 @@ FLOORS = {
     ),
     "lidarplace.scenes": ("datasets parts routes sanity_checks", "*", "kinds layouts"),
     "training": (
-        "average_precision dataset device ops randomness settings typical_objects",
+        "nvidia ops",
+        "average_precision casting dataset device prediction_batches randomness settings "
+        "typical_objects",
         "detectors ground_truth_sampling kitti_labels matches sanity_checks",
         "__init__ augment leave_out optimisation",
         "checkpoints",
@@ -65,6 +67,7 @@ FLOORS = {
         "figures",
         "mlflow pages",
         "dashboard report search_report",
+        "paper",
     ),
     "tracking.figures": ("kit", "of_searches"),
     "tracking.report": (

@@ -6,6 +6,7 @@ import torch
 
 from training.dataset import TrainingFrames, as_tensors
 from training.detectors.detector import Detector
+from training.nvidia import is_out_of_memory
 from training.optimisation import Optimisation
 from training.settings import LARGEST_BATCH, TrainingSettings
 
@@ -48,8 +49,10 @@ def step_bytes(
     try:
         trial = Optimisation(copy.deepcopy(model).train(), settings, steps=1)
         trial.step(as_tensors(frames.largest(size)))
-    except torch.OutOfMemoryError:
-        return None
+    except RuntimeError as error:
+        if is_out_of_memory(error):
+            return None
+        raise
     except ArithmeticError:
         pass  # its memory is known all the same; the training will name the frames
     return int(gpu.max_memory_reserved(model.device) - before)

@@ -13,15 +13,14 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from lidarplace.clouds.clouds import CloudFrames
 from lidarplace.logs.boxes import GEOMETRY
+from training.casting import points_on
 from training.detectors.build import build
 from training.detectors.contract import as_arrays, check_boxes_of, guarded, is_built_in
 from training.detectors.detector import PointRange
 from training.device import device, half_type
+from training.prediction_batches import PredictionBatches
 from training.settings import TrainingSettings
 from training.typical_objects import TypicalObject
-
-_BATCH = 4
-"""Frames at once where the settings leave it open; prediction needs far less memory than a step."""
 
 
 @dataclass(frozen=True)
@@ -55,16 +54,19 @@ def detect(
     score = preset.score if settings.score_threshold is None else settings.score_threshold
     threshold = preset.nms if settings.nms_threshold is None else settings.nms_threshold
     selection = replace(preset, score=score, nms=threshold)
-    size = settings.batch_size if isinstance(settings.batch_size, int) else _BATCH
-    lift = np.array([0, 0, model.sensor_height, 0], np.float32)
-    frames: list[dict[str, NDArray[np.generic]]] = []
-    for first in range(0, len(clouds), size):
-        batch = range(first, min(first + size, len(clouds)))
-        points = [torch.from_numpy(clouds[i] - lift) for i in batch]
+
+    def predict(batch: range) -> list[dict[str, NDArray[np.generic]]]:
+        """Predict the boxes of some frames, as arrays."""
+        points = points_on(model.device, clouds, batch)
+        for cloud in points:
+            cloud[:, 2] -= model.sensor_height
         autocast = torch.autocast(model.device.type, half, enabled=half is not None)
         with torch.no_grad(), autocast, guarded(model):
             predictions = model.predict(points, selection)
-        frames += as_arrays(model, predictions, [clouds.frames[i] for i in batch])
+        return as_arrays(model, predictions, [clouds.frames[i] for i in batch])
+
+    batches = PredictionBatches(model.device, settings.batch_size)
+    frames = batches.results(predict, len(clouds))
 
     def table(name: str) -> pd.DataFrame:
         """Table of the boxes `name` of all frames."""

@@ -47,10 +47,10 @@ def blind_lidars(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> list[int]
     return blind
 
 
-def why_blind(rig: Placement, roi: Roi, number: int, first: int) -> tuple[str, str]:
-    """Return the reason why a LiDAR is blind, and a remedy; LiDARs are numbered from `first`."""
+def why_blind(rig: Placement, roi: Roi, number: int) -> tuple[str, str]:
+    """Return the reason why a LiDAR is blind, and a remedy."""
     if (around := housing_around(rig, number)) is not None:
-        return f"is inside the housing of LiDAR {around + first}", "move it, or correct size_mm"
+        return f"is inside the housing of LiDAR {around + 1}", "move it, or correct size_mm"
     seen = f"nothing below {OBJECTS_M:g} m in the ROI (x {list(roi.x)}, y {list(roi.y)} m)"
     fix = "turn or move it, extend the ROI, or set allow_blind_lidars: true"
     return f"sees no ground and {seen}", fix
@@ -59,7 +59,7 @@ def why_blind(rig: Placement, roi: Roi, number: int, first: int) -> tuple[str, s
 def check_not_blind(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> None:
     """Raise ValueError for the first of `blind_lidars`."""
     for number in blind_lidars(rig, roi, vehicle):
-        place, (why, fix) = point(*rig.mounts[number].position), why_blind(rig, roi, number, 1)
+        place, (why, fix) = point(*rig.mounts[number].position), why_blind(rig, roi, number)
         raise InputError(f"LiDAR {number + 1} at {place} {why}", place=repr(rig.name), fix=fix)
 
 

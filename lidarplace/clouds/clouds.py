@@ -75,7 +75,7 @@ class PointClouds:
         not fit together."""
         numbers = np.asarray(frames, np.int64)
         origin = np.array(crop[:3])
-        step = _grid_step(crop)
+        step = grid_step(crop)
         codec = pa.Codec("zstd", compression_level=_LEVEL)
         packed, ends = bytearray(), [0]
         counts = []
@@ -164,10 +164,16 @@ class JoinedClouds(Generic[Part]):
 
     def __getitem__(self, index: int) -> NDArray[np.float32]:
         """Return the points of the `index`-th frame, shape (n, 4), float32."""
+        part, place = self.part(index)
+        return part[place]
+
+    def part(self, index: int) -> tuple[Part, int]:
+        """Return the part that holds the `index`-th frame, and its index in that part."""
         if not 0 <= index < len(self):
             raise IndexError(f"frame index {index} is not one of {len(self)} frames")
-        place = bisect_right(self._ends, index)
-        return self.parts[place][index - self._ends[place] + len(self.parts[place])]
+        number = bisect_right(self._ends, index)
+        part = self.parts[number]
+        return part, index - self._ends[number] + len(part)
 
     def __iter__(self) -> Iterator[NDArray[np.float32]]:
         return (self[i] for i in range(len(self)))
@@ -180,11 +186,12 @@ Clouds = PointClouds | JoinedClouds[PointClouds]
 def as_kept(points: NDArray[np.float32], crop: Crop) -> NDArray[np.float32]:
     """Return points (n, 4) in `crop` as `PointClouds` would give them back, to the last bit."""
     rounded = np.empty_like(points)
-    _round(points, np.array(crop[:3], np.float64), _grid_step(crop), rounded)
+    _round(points, np.array(crop[:3], np.float64), grid_step(crop), rounded)
     return rounded
 
 
-def _grid_step(crop: Crop) -> float:
+def grid_step(crop: Crop) -> float:
+    """Return the step of the grid of a region, metres."""
     return max(STEP_M, float((np.array(crop[3:]) - np.array(crop[:3])).max()) / 65535)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,13 +12,16 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Interval
 from lidarplace.clouds.clouds import Crop, PointClouds, as_kept
 from lidarplace.clouds.droplets import scatter_back
+from lidarplace.clouds.ground import Ground
 from lidarplace.clouds.hashed import key_of
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import Hits
 from lidarplace.clouds.returns import LARGEST_ERROR, CloudPart, sample_points
 from lidarplace.clouds.shade import ends_in_rig
+from lidarplace.clouds.shapes import Parts
 from lidarplace.clouds.static_world import cast_in_world
 from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.clouds.worlds import WorldAround
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.vehicle import Vehicle
@@ -72,12 +76,34 @@ def collect(
     return SimulatedClouds(log, frames, placement, crop, *how).kept()
 
 
+class Scene(NamedTuple):
+    """Rig and surroundings of one frame, before any ray is cast.
+
+    Attributes:
+        rig: with mounting errors, and with the part of its patterns that is fired.
+        ends: of the rays of each LiDAR at the rig, see `lidarplace.clouds.shade`.
+        parts: objects, buildings and the vehicle's own body.
+        world: static world; None where the log has none.
+        classes: of the objects, for a correction; empty without one."""
+
+    rig: Placement
+    ends: list[NDArray[np.float64]]
+    parts: Parts
+    ground: Ground
+    world: WorldAround | None
+    classes: list[str]
+
+
 class SimulatedClouds:
     """The clouds of `collect`, each simulated when it is asked for and not kept.
 
     `clouds[i]` has the points of `collect(…)[i]`, to the last bit, without packing them. Arguments
-    and errors as of `collect`; a bad frame is named when it is asked for. `frames`: frame numbers,
-    shape (F,), int64."""
+    and errors as of `collect`; a bad frame is named when it is asked for.
+
+    Attributes:
+        frames: frame numbers, shape (F,), int64.
+        crop, seed: as of `collect`.
+        lifts: height by which the points of each LiDAR are raised before the cut, metres."""
 
     def __init__(
         self,
@@ -102,8 +128,8 @@ class SimulatedClouds:
         self._patterns = any(lidar.pattern is not None for lidar in lidars)
         moves = bool(errors) or self._patterns
         self._ends = None if moves else ends_in_rig(placement, vehicle)
-        self._crop, self._seed = crop, seed
-        self._lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
+        self.crop, self.seed = crop, seed
+        self.lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
         # A point may err into the crop from outside, so what is cast is a little larger.
         slack = LARGEST_ERROR * max(lidar.range_noise for lidar in lidars)
         self._low, self._high = np.array(crop[:3]) - slack, np.array(crop[3:]) + slack
@@ -121,39 +147,53 @@ class SimulatedClouds:
 
     def __getitem__(self, index: int) -> NDArray[np.float32]:
         """Return the points of the `index`-th frame, shape (n, 4), float32, the caller's own."""
-        return as_kept(self.returns(index)[0], self._crop)
+        return as_kept(self.returns(index)[0], self.crop)
 
-    def kept(self) -> PointClouds:
-        """Simulate all frames and pack them."""
-        clouds = (self.returns(index) for index in range(len(self)))
-        return PointClouds.from_frames(self.frames, clouds, self._crop)
-
-    def returns(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """Return the points of a frame before rounding, and the number from each LiDAR.
-
-        The next call uses the memory again."""
+    def scene(self, index: int) -> Scene:
+        """Return rig and surroundings of a frame."""
         frame = int(self.frames[index])
         parts = self._body.and_(self._surroundings.parts(frame, self._reach))
         ground, world = self._surroundings.ground(frame), self._surroundings.world(frame)
         rig = self._placement
         if self._errors:
-            rig = self._errors.drawn(rig, self._seed, frame)
+            rig = self._errors.drawn(rig, self.seed, frame)
         if self._patterns:
-            rig = _in_frame(rig, self._seed, frame)
+            rig = _in_frame(rig, self.seed, frame)
         ends = ends_in_rig(rig, self._vehicle) if self._ends is None else self._ends
         corrected = any(lidar.correction for lidar in rig.lidars)
         classes = self._surroundings.classes(frame) if corrected else []
+        return Scene(rig, ends, parts, ground, world, classes)
+
+    def region(self, lift: float) -> tuple[float, ...]:
+        """Return the region from which points may err into the crop, without the `lift`."""
+        return (*(self._low - [0, 0, lift]), *(self._high - [0, 0, lift]))
+
+    def has_static_world(self) -> bool:
+        """Test if any scene of the log has a static world."""
+        return bool(self._surroundings.worlds.origins.size)
+
+    def kept(self) -> PointClouds:
+        """Simulate all frames and pack them."""
+        clouds = (self.returns(index) for index in range(len(self)))
+        return PointClouds.from_frames(self.frames, clouds, self.crop)
+
+    def returns(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """Return the points of a frame before rounding, and the number from each LiDAR.
+
+        The next call uses the memory again."""
+        frame, scene = int(self.frames[index]), self.scene(index)
+        rig, ground = scene.rig, scene.ground
         counts = np.zeros(len(rig.mounts), np.int32)
-        views = zip(rig.mounts, rig.lidars, self._lifts, ends, strict=True)
+        views = zip(rig.mounts, rig.lidars, self.lifts, scene.ends, strict=True)
         for m, (mount, lidar, lift, rig_ends) in enumerate(views):
-            wide = (*(self._low - [0, 0, lift]), *(self._high - [0, 0, lift]))
             into = self._hits.get(lidar.rays)
-            hits = cast_in_world(mount, lidar, parts, world, wide, into, rig_ends)
+            surroundings = scene.parts, scene.world, self.region(lift)
+            hits = cast_in_world(mount, lidar, *surroundings, into, rig_ends)
             self._hits[lidar.rays] = hits
-            free, key = self._points[counts.sum() :], (self._seed, frame, m)
+            free, key = self._points[counts.sum() :], (self.seed, frame, m)
             scatter_back(lidar, hits, key)
-            part = CloudPart(key, lift, classes)
-            counts[m] = sample_points(mount, lidar, hits, ground, self._crop, part, free)
+            part = CloudPart(key, lift, scene.classes)
+            counts[m] = sample_points(mount, lidar, hits, ground, self.crop, part, free)
         return self._points[: counts.sum()], counts
 
 

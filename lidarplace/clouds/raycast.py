@@ -253,7 +253,7 @@ def cast_compiled(rays, surfaces, crop, ends, hits, level=True):
     corners, enter = np.empty((8, 3)), np.empty(steps)
     for part in range(number):
         fill_corners(surfaces.geometry[part], corners)
-        if _is_apart(corners, origin, crop):
+        if is_apart(corners, origin, crop):
             continue
         window = window_of(corners, origin, rotation)
         if window.nearest > beams.reach or not _is_between(beams, window):
@@ -294,7 +294,7 @@ def _start_nearest(rays, ends, level, nearest):
 
 
 @inlined
-def _is_apart(corners, origin, crop):
+def is_apart(corners, origin, crop):
     """Return whether a part is apart from the hull of crop and sensor, axis by axis.
 
     The hull is convex, so it holds every ray up to a point in `crop`, and the part cannot stand

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 _NO_WIDTH = 100_000
+_MOST_WARNINGS = 3
 
 
 def visible(text: str) -> str:
@@ -49,6 +50,15 @@ class Terminal(Console):
 def output() -> Terminal:
     """Return the console for tables. A file has no width: a row and a message are one line each."""
     return Terminal() if sys.stdout.isatty() else Terminal(width=_NO_WIDTH)
+
+
+def print_warnings(console: Console, warnings: Sequence[str], page: str) -> None:
+    """Print the first warnings, a line each, and on which page the others are."""
+    lines = [f"warning: {text}" for text in warnings[:_MOST_WARNINGS]]
+    if more := len(warnings) - len(lines):
+        lines.append(f"{more} more warning{'s' * (more > 1)} in {page}")
+    for line in lines:
+        console.print(line, style="yellow", soft_wrap=True)
 
 
 def table(

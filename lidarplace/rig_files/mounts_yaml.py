@@ -33,7 +33,7 @@ def read_mounts_yaml(path: Path) -> list[RigSensor]:
     return [
         *(
             RigSensor(each.name or f"lidar_{number}", mount, each.lidar)
-            for number, (each, mount) in enumerate(lidars)
+            for number, (each, mount) in enumerate(lidars, 1)
         ),
         *(
             RigSensor(each.name or f"{each.KIND}_{number}", mount, further=each)

@@ -116,7 +116,7 @@ class Placement(Plottable):
             # Rigs that are alike shall be equal.
             object.__setattr__(self, "lidar", models[0] if len(set(models)) == 1 else models)
         object.__setattr__(self, "dead", tuple(self.dead))
-        for (i, a), (j, b) in combinations(enumerate(self.mounts), 2):
+        for (i, a), (j, b) in combinations(enumerate(self.mounts, start=1), 2):
             if (a.x, a.y, a.z) == (b.x, b.y, b.z):
                 wrong = f"LiDARs {i} and {j} are both at {point(a.x, a.y, a.z)}"
                 raise InputError(wrong, place=where, expected="a place for each")

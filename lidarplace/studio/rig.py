@@ -186,7 +186,7 @@ def mirrored(rig: Rig, number: int) -> Rig:
     """Return the rig with a LiDAR's mirror image, too. Raises ValueError: it is at y = 0."""
     pose = rig.pose(number)
     if pose["y"] == 0:
-        raise ValueError(f"LiDAR {number} is at y = 0, where its mirror image would be, too")
+        raise ValueError(f"LiDAR {number + 1} is at y = 0, where its mirror image would be, too")
     wider = replace(rig, lidars=(*rig.lidars, rig.lidars[number]))
     return posed(wider, len(rig.lidars), **{name: 0 - pose[name] for name in _ACROSS})
 

@@ -81,8 +81,9 @@ class History:
 class Studio:
     """Rigs of a file, changed step by step, and measured on a log.
 
-    A LiDAR is named by its number in the rig, from 0. Poses are coordinates of the ego frame in
-    metres and degrees. Several threads may use a studio: edits come one after the other.
+    Methods take a LiDAR's index in the rig, from 0; texts number LiDARs from 1. Poses are
+    coordinates of the ego frame in metres and degrees. Several threads may use a studio: edits come
+    one after the other.
 
     All frames of the log count; `folder` is that of the whole log, if it has some of them only: all
     can be looked at. `left_out` are its classes that have no numbers, and are in no sweep. Raises
@@ -313,7 +314,7 @@ class Studio:
         one place, no object counts, or the rig was changed meanwhile."""
         rig = self.rig
         if not rig.lidars[number].enabled:
-            raise ValueError(f"LiDAR {number} does not work; enable it first")
+            raise ValueError(f"LiDAR {number + 1} does not work; enable it first")
         best = improved(rig, number, self.file, self.meter)
         self._as_it_was(rig)
         if best.after > best.before:

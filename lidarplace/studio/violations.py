@@ -84,7 +84,7 @@ def _misplaced(rig: Rig, file: RigsFile, limits: Limits) -> Iterator[ReportedVio
 def _text(violation: Violation, rig: Rig, file: RigsFile) -> str:
     """Describe which sensors exceed a limit of mounting, and by how much."""
     value, bound = violation.value, file.limits.bounds[violation.limit]
-    names = [f"LiDAR {number}" for number in range(len(rig.lidars))]
+    names = [f"LiDAR {number + 1}" for number in range(len(rig.lidars))]
     names += [sensor.name for sensor in rig.sensors]
     named = [names[n] if n < len(names) else "none" for n in violation.lidars]
     lidar, pair = named[0], " and ".join(named)
@@ -117,11 +117,11 @@ def blind(rig: Rig, file: RigsFile, roi: Roi) -> list[ReportedViolation]:
     if placement is None or file.settings.allow_blind_lidars:
         return []
     reasons = {
-        number: "; ".join(why_blind(placement, roi, number, first=0))
+        number: "; ".join(why_blind(placement, roi, number))
         for number in blind_lidars(placement, roi, file.carrier)
     }
     return [
-        ReportedViolation("blind", (number,), math.nan, math.nan, f"LiDAR {number}: {reason}")
+        ReportedViolation("blind", (number,), math.nan, math.nan, f"LiDAR {number + 1}: {reason}")
         for number, reason in reasons.items()
     ]
 
@@ -162,7 +162,7 @@ def inapplicable(rig: Rig, file: RigsFile) -> dict[str, ReportedViolation]:
         for number, lidar in enumerate(rig.models(file.lidar)):
             reason = settings.not_of(lidar) if rig.lidars[number].enabled else None
             if reason and settings.name not in violations:
-                text = f"{settings.name}: {reason[0]}: LiDAR {number}: {reason[1]}"
+                text = f"{settings.name}: {reason[0]}: LiDAR {number + 1}: {reason[1]}"
                 violations[settings.name] = ReportedViolation(
                     "requirement", (number,), math.nan, math.nan, text
                 )

@@ -23,7 +23,7 @@ from lidarplace.rigs.placement import Placement
 from lidarplace.viewing.style import CLASSES
 
 WORLD, EGO = "world", "ego"
-"""Frames of coordinates; those of the LiDARs are `lidar_0` and so on."""
+"""Frames of coordinates; those of the LiDARs are `lidar_1` and so on."""
 
 STEP_S = 0.1
 """Time between frames whose times are not known."""
@@ -54,14 +54,14 @@ def write_mcap(
     portions: Iterable[tuple[pd.DataFrame, PointClouds]],
     placement: Placement,
 ) -> None:
-    """Write topics `/lidar_0`, … of clouds, `/objects`, `/tf` and `/frame`, in the ego frame.
+    """Write topics `/lidar_1`, … of clouds, `/objects`, `/tf` and `/frame`, in the ego frame.
 
     `/tf` has the mounts, and the vehicle in the world if the log knows its poses. `frames` are in
     the order of play; `portions` are boxes and clouds of some of them at a time, in that order."""
     times, rows = iter(clock(frames).tolist()), frames.itertuples()
     context = foxglove.Context()  # of its own: nothing else is recorded with it
     lidars = range(len(placement.mounts))
-    clouds_of = [PointCloudChannel(f"/lidar_{i}", context=context) for i in lidars]
+    clouds_of = [PointCloudChannel(f"/lidar_{i + 1}", context=context) for i in lidars]
     objects = SceneUpdateChannel("/objects", context=context)
     transforms = FrameTransformsChannel("/tf", context=context)
     kind: dict[str, Any] = {"schema": {"type": "object"}, "message_encoding": "json"}
@@ -90,7 +90,7 @@ def _transforms(placement: Placement, row: Any, stamp: Any) -> list[FrameTransfo
     """Return the mounts of the LiDARs, and the pose of the vehicle in the world where known."""
     poses = [
         (EGO, f"lidar_{number}", mount.position, Rotation.from_matrix(mount.rotation))
-        for number, mount in enumerate(placement.mounts)
+        for number, mount in enumerate(placement.mounts, start=1)
     ]
     x, y, yaw = (getattr(row, name, np.nan) for name in POSE_COLUMNS)
     if not np.isnan([x, y, yaw]).any():

@@ -65,7 +65,7 @@ def draw_frame(
         hovermode="closest",
     )
     for i in range(len(placement.mounts)):
-        shade, name = style.COLOURS[i % len(style.COLOURS)], f"LiDAR {i}"
+        shade, name = style.COLOURS[i % len(style.COLOURS)], f"LiDAR {i + 1}"
         marker = {"size": 1.2, "color": shade, "line": {"width": 0}}
         trace: dict[str, Any] = {"hoverinfo": "skip", "name": name, "legendgroup": name}
         figure.add_scatter3d(**xyz(drawn[lidar == i]), mode="markers", marker=marker, **trace)

@@ -31,7 +31,7 @@ def vehicle_surface(vehicle: Vehicle | None) -> Surface:
 def add_lidars(figure: go.Figure, placement: Placement, pointer: float = 0.0) -> None:
     """Add a mark per mount with its pose, and a line of `pointer` metres along its x axis."""
     for i, mount in enumerate(placement.mounts):
-        name, shade = f"LiDAR {i}", style.COLOURS[i % len(style.COLOURS)]
+        name, shade = f"LiDAR {i + 1}", style.COLOURS[i % len(style.COLOURS)]
         roll, pitch, yaw = np.degrees([mount.roll, mount.pitch, mount.yaw]) + 0.0
         ends = np.stack([mount.position, mount.position + pointer * mount.rotation[:, 0]])
         figure.add_scatter3d(

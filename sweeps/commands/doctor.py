@@ -59,6 +59,7 @@ class MachineNeeds:
     store: str | None = None
     tracking_uri: str = "sqlite:///runs/mlflow.db"
     ray: str = "local"
+    gpu: bool = False
     sumo: bool = True
 
     @property
@@ -113,6 +114,7 @@ def machine_needs(config: Path, overrides: Sequence[str] = ()) -> MachineNeeds:
         store=url if remote else None,
         tracking_uri=common.tracking_uri,
         ray=common.ray.address,
+        gpu=bool(common.ray.num_gpus),
         sumo=any(isinstance(point.point.scene, SumoScene) for point in sweep.points),
     )
 
@@ -122,7 +124,7 @@ def find_all(machine: MachineNeeds) -> list[Finding]:
     wanted: list[tuple[str, str, Callable[[], CheckResult]]] = [
         ("packages", "everything", partial(checks.packages, None, True)),
         ("sweeps", "detectors, sweeps", partial(checks.packages, "sweeps", True)),
-        ("GPU", "fast trainings", checks.gpu),
+        ("GPU", "fast trainings", partial(checks.gpu, machine.gpu)),
         ("memory", "a training on every CPU, some 2 GB each", checks.memory),
         ("shared memory", "Ray's object store, 0.1 GB or more", checks.shared_memory),
         ("Ray", "parallel tasks", partial(checks.ray, machine.ray)),

@@ -21,6 +21,7 @@ from lidarplace.command_line.invocation import command
 from lidarplace.files.atomic import check_takes_files
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from sweeps.execution.memory import machine_memory
+from training.nvidia import driver_version, has_card
 
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
@@ -82,27 +83,37 @@ def packages(extra: str | None, needed: bool) -> CheckResult:
             faults[_text(requirement)] = f"{versions[-1]}, needed {requirement.specifier}"
     if faults:
         remedy = _install(list(faults))
-        if any(text.startswith("torch") for text in faults) and shutil.which("nvidia-smi") is None:
+        if any(text.startswith("torch") for text in faults) and not has_card():
             remedy = f"{_CPU_SETUP}, without the 5 GB of CUDA that {remedy} brings"
         return CheckResult("; ".join(faults.values()), missing, remedy)
     return CheckResult(", ".join(versions) if len(versions) < 4 else f"{len(versions)} packages")
 
 
-def gpu() -> CheckResult:
-    """Check for a GPU, and that torch is built for it."""
+def gpu(needed: bool = False) -> CheckResult:
+    """Check for a GPU, and that torch and triton can use it."""
     import torch
 
+    from training.device import device, gpu_problem
+
     build = f"torch {torch.__version__}"
-    if torch.cuda.is_available():
+    if problem := gpu_problem():
+        return CheckResult(f"{problem} ({build})", "missing" if needed else "weak")
+    if device().type == "cuda":
         names = [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())]
-        return CheckResult(f"{', '.join(names)}; {build}")
-    if shutil.which("nvidia-smi") is None:
+        free, total = (size / _GB for size in torch.cuda.mem_get_info())
+        versions = f"driver {driver_version()}, {build}, CUDA {torch.version.cuda}"
+        triton = f"triton {version('triton')}"
+        text = f"{', '.join(names)}; {free:.0f} of {total:.0f} GB free; {versions}, {triton}"
+        return CheckResult(text)
+    if not has_card():
+        state: State = "missing" if needed else "optional"
         smaller = f"in a new environment, 5 GB less: {_CPU_SETUP}" if torch.version.cuda else ""
-        return CheckResult(f"none; {build} trains on the CPU", "optional", smaller)
+        return CheckResult(f"none; {build} trains on the CPU", state, smaller)
     if torch.version.cuda is None:
-        return CheckResult(f"there is one, but {build} is built for the CPU", "weak", _GPU_SETUP)
-    problem = f"there is one, but {build} cannot use it"
-    return CheckResult(problem, "weak", f"nvidia-smi, then {_GPU_SETUP}")
+        problem = f"there is one, but {build} is built for the CPU"
+        return CheckResult(problem, "missing" if needed else "weak", _GPU_SETUP)
+    hidden = f"hidden by CUDA_VISIBLE_DEVICES; {build} trains on the CPU"
+    return CheckResult(hidden, "missing" if needed else "optional")
 
 
 def ray(address: str) -> CheckResult:

@@ -15,6 +15,7 @@ from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import hide_secrets
 from sweeps.stages.task import Task
 from sweeps.store.result_folder import DamagedResult
+from training.nvidia import is_out_of_memory
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Failure:
             hide_secrets(traceback.format_exc()),
             lasting=isinstance(error, (ValueError, ArithmeticError)) and not damaged,
             damaged=damaged,
-            out_of_gpu_memory=name == "OutOfMemoryError",  # torch's, which may not be imported
+            out_of_gpu_memory=is_out_of_memory(error),
         )
 
 

@@ -23,6 +23,7 @@ from lidarplace.base.errors import InputError, at
 from lidarplace.base.plugin_folders import PLUGINS
 from lidarplace.command_line.signals import Terminated, signals_held, stopped_by_signals
 from sweeps.configuration.sweep import RaySettings
+from training.nvidia import has_card
 
 THREADS = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a worker: one thread a task, as Ray runs as many tasks as there are CPUs."""
@@ -33,6 +34,7 @@ _STATUS_S = 30.0
 _NODES_S = 120.0  # a node unpacks the code and starts a process
 _SOCKET = "ray/session_2026-01-01_00-00-00_000000_1234567/sockets/plasma_store.10"
 _LONGEST_SOCKET = 103  # bytes, as on macOS; Linux takes 107
+_PROBE = "from training.device import device, gpu_problem; print(gpu_problem() or device().type)"
 _DECISIVE = ("numpy", "numba", "pandas", "scipy", "torch")
 
 
@@ -103,7 +105,7 @@ _QUIET = {"log_to_driver": False, "logging_level": "ERROR"}
 
 
 def _start(ray: ModuleType, settings: RaySettings) -> None:
-    counts: dict[str, Any] = {"num_cpus": settings.num_cpus, "num_gpus": settings.num_gpus}
+    counts: dict[str, Any] = {"num_cpus": settings.num_cpus, "num_gpus": _usable_gpus(settings)}
     worker = {"env_vars": THREADS | {"PYTHONPATH": _python_path()}}
     place = os.environ.get("RAY_TMPDIR") or os.environ.get("TMPDIR") or "/tmp"
     if len(os.fsencode(f"{place}/{_SOCKET}")) > _LONGEST_SOCKET:
@@ -115,6 +117,28 @@ def _start(ray: ModuleType, settings: RaySettings) -> None:
         ray.init(address="local", include_dashboard=False, runtime_env=worker, **counts, **_QUIET)
     except Exception as error:  # Ray raises no narrower one
         raise ConnectionError(f"Ray did not start: {_last_line(str(error))}") from error
+
+
+def _usable_gpus(settings: RaySettings) -> int | None:
+    """Return how many GPUs a local Ray has: all, or none if networks cannot use them.
+
+    Raises InputError if the configuration asks for some in vain. CUDA would take GPU memory for the
+    rest of this process, so another one tries it."""
+    if settings.num_gpus == 0 or not (settings.num_gpus or has_card()):
+        return settings.num_gpus
+    command = [sys.executable, "-c", _PROBE]
+    environment = os.environ | {"PYTHONPATH": _python_path()}
+    process = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    *_, found = "", *(process.stderr if process.returncode else process.stdout).splitlines()
+    if found == "cuda":
+        return settings.num_gpus
+    if settings.num_gpus:
+        problem = "networks cannot use a GPU" if found == "cpu" else found
+        fix = "ray.num_gpus=0 trains on the CPU"
+        raise InputError(problem, key="ray.num_gpus", fix=fix)
+    if found != "cpu":
+        logging.getLogger(__name__).warning("%s; networks run on the CPU", found)
+    return 0
 
 
 def _check_alone(ray: ModuleType) -> None:

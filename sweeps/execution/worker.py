@@ -52,7 +52,9 @@ def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0
     if isinstance(task.stage, Network) and gpu_share:
         import torch
 
-        if torch.cuda.is_available():  # batches that need more do not fit
+        from training.device import device
+
+        if device().type == "cuda":  # batches that need more do not fit
             torch.cuda.set_per_process_memory_fraction(min(1.0, gpu_share))
     node, pid = socket.gethostname(), os.getpid()
     since = datetime.now().isoformat(" ", timespec="seconds")

@@ -1,9 +1,10 @@
-"""Cautions about the rigs of a sweep, a plain sentence each."""
+"""Cautions about rigs, a sentence for each kind."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from lidarplace import Placement
+from lidarplace.base.roi import Roi
 from lidarplace.clouds.own_body import body_parts, sedan
 from lidarplace.clouds.raycast import cast
 from lidarplace.clouds.shade import ends_of
@@ -20,7 +21,7 @@ from sweeps.stages.collect import CollectStage
 from tracking.labels import digits
 
 MOST_NAMED = 8
-"""Of rigs whose rings coincide, those with the most; of others the first."""
+"""Of the rigs of a kind of caution."""
 
 MOST_PAIRS = 3
 """Of LiDARs of a rig that look into each other."""
@@ -33,78 +34,98 @@ MOST_STOPPED = 0.25
 
 
 def rig_cautions(plan: Plan) -> list[str]:
-    """List coinciding rings, LiDARs that see each other or little, rigs new to the generalist."""
+    """Warn of rings that coincide, LiDARs that see each other or little, and unfamiliar rigs.
+
+    A sentence for each kind, which names the rigs."""
     by_rig: dict[str, list[Trial]] = {}
     for trial in plan.trials:
         by_rig.setdefault(trial.grid_point.point.placement, []).append(trial)
-    coincide = {
-        name: interleaving
-        for name, trials in by_rig.items()
-        if (interleaving := next(filter(None, (trial.interleaving for trial in trials)), None))
-    }
-    worst = sorted(coincide, key=lambda name: -coincide[name].before)
-    named = [name for name in coincide if name in worst[:MOST_NAMED]]
-    sentences = [coinciding(name, coincide[name]) for name in named]
-    more = len(coincide) - len(named)
-    if more:
-        least = 100 * coincide[worst[MOST_NAMED]].before
-        sentences.append(f"So do rings of {more} rigs more, of each at most {least:.0f} %.")
-    blinded = []
+    apart, carried, dark, stopped, unseen = {}, {}, {}, {}, {}
     for name, trials in by_rig.items():
         placement, vehicle = trials[0].surrogates.stage.placement, trials[0].grid_point.vehicle
-        blinded += facing(placement, sedan() if vehicle is None else vehicle, name)
-    sentences += blinded[:MOST_NAMED]
-    if len(blinded) > MOST_NAMED:
-        sentences.append(f"So do LiDARs of {len(blinded) - MOST_NAMED} rigs more.")
-    for name, trials in by_rig.items():
-        sentences += [*_wasted(name, trials[0]), *filter(None, [_outside(name, trials)])]
-    return sentences
+        apart[name] = next(filter(None, (trial.interleaving for trial in trials)), None)
+        carried[name] = placement, sedan() if vehicle is None else vehicle
+        dark[name] = _dark(placement, trials[0].pog.stage.roi)
+        stopped[name] = _stopped(placement, vehicle)
+        unseen[name] = _beyond_training(trials)
+    few, much = f"{100 * LEAST_COVERED:g} %", f"{100 * MOST_STOPPED:g} %"
+    return [
+        *coinciding(apart),
+        *facing(carried),
+        *_in_rigs(f"LiDARs cover less than {few} of the ROI", dark),
+        *_in_rigs(f"The vehicle stops more than {much} of the rays of LiDARs", stopped),
+        *unfamiliar(unseen),
+    ]
 
 
-def _wasted(name: str, trial: Trial) -> list[str]:
-    """Name the LiDARs that see next to nothing of the ROI, or mostly the vehicle itself."""
-    placement, roi = trial.surrogates.stage.placement, trial.pog.stage.roi
-    body, sentences = trial.grid_point.vehicle, []
-    for number, (mount, lidar) in enumerate(
-        zip(placement.mounts, placement.lidars, strict=True), start=1
-    ):
-        alone = Placement(name, (mount,), lidar)
-        covered = count_covered(alone, roi, "cone") / math.prod(roi.shape)
-        if covered < LEAST_COVERED:
-            sentences.append(f"{name}: LiDAR {number} covers {100 * covered:.2g} % of the ROI.")
+def _in_rigs(fact: str, details: Mapping[str, str | None]) -> list[str]:
+    """Name the rigs of which a fact holds, those with details; [] if there are none."""
+    named = [f"{name} ({detail})" for name, detail in details.items() if detail]
+    if not named:
+        return []
+    more = len(named) - MOST_NAMED
+    rigs = ", ".join(named[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+    return [f"{fact} in {len(named)} rig{'s' * (len(named) > 1)}: {rigs}."]
+
+
+def _dark(placement: Placement, roi: Roi) -> str:
+    """Name the LiDARs that cover next to nothing of the ROI, with their percentage."""
+    shares = {}
+    for number, mount in enumerate(placement.mounts, start=1):
+        alone = Placement(placement.name, (mount,), placement.lidars[number - 1])
+        shares[number] = count_covered(alone, roi, "cone") / math.prod(roi.shape)
+    return _percentages({n: share for n, share in shares.items() if share < LEAST_COVERED})
+
+
+def _stopped(placement: Placement, vehicle: Vehicle | None) -> str:
+    """Name the LiDARs that mostly see the vehicle itself, with the percentage of their rays."""
+    shares = {}
+    for number, mount in enumerate(placement.mounts, start=1):
+        lidar = placement.lidars[number - 1]
         few = lidar.thinned(min(1.0, AZIMUTH_STEPS / lidar.azimuth_steps))
-        ends = ends_of(mount, few, NO_HOUSINGS, body)
-        met = cast(mount, few, body_parts(body), ends=ends)
-        stopped = float((met.target == BODY).mean())
-        if stopped > MOST_STOPPED:
-            fired = f"{100 * stopped:.0f} % of what LiDAR {number} fires"
-            sentences.append(f"{name}: {fired} meets the vehicle.")
-    return sentences
+        ends = ends_of(mount, few, NO_HOUSINGS, vehicle)
+        met = cast(mount, few, body_parts(vehicle), ends=ends)
+        shares[number] = float((met.target == BODY).mean())
+    return _percentages({n: share for n, share in shares.items() if share > MOST_STOPPED})
 
 
-def facing(placement: Placement, vehicle: Vehicle, name: str) -> list[str]:
-    """Warn that LiDARs of a rig look into each other; [] if none do."""
-    sensors = MountedSensors(placement.mounts, placement.lidars, dead=placement.dead)
-    violations = check(sensors, Limits(facing=0), vehicle)
-    pairs = [f"{i + 1} and {j + 1}" for i, j in (violation.lidars for violation in violations)]
-    more = f" and {len(pairs) - MOST_PAIRS} pairs more" if len(pairs) > MOST_PAIRS else ""
-    sentence = (
-        f"{name}: LiDARs {', '.join(pairs[:MOST_PAIRS])}{more} look into each other, which blinds "
-        "or deceives those that are not made for it; raise, tilt or shield one."
-    )
-    return [sentence] if pairs else []
+def _percentages(shares: Mapping[int, float]) -> str:
+    return ", ".join(f"LiDAR {number}: {100 * share:.2g} %" for number, share in shares.items())
 
 
-def coinciding(name: str, interleaving: Interleaving) -> str:
-    """Warn that the rings of a rig coincide, and name pitches with which they would not."""
-    pitches = ", ".join(digits(math.degrees(pitch), "+.2f") for pitch in interleaving.pitches)
-    return (
-        f"{name}: {100 * interleaving.before:.0f} % of its rings coincide with those of another of "
-        f"its LiDARs; with pitches of {pitches} degrees more, {100 * interleaving.after:.0f} % do."
-    )
+def facing(rigs: Mapping[str, tuple[Placement, Vehicle]]) -> list[str]:
+    """Warn of LiDARs that look into each other, in rigs on their vehicles; [] if none do."""
+    pairs = {}
+    for name, (placement, vehicle) in rigs.items():
+        sensors = MountedSensors(placement.mounts, placement.lidars, dead=placement.dead)
+        violations = check(sensors, Limits(facing=0), vehicle)
+        numbers = [f"{i + 1} and {j + 1}" for i, j in (each.lidars for each in violations)]
+        more = len(numbers) - MOST_PAIRS
+        pairs[name] = ", ".join(numbers[:MOST_PAIRS]) + (f", {more} pairs more" * (more > 0))
+    why = "That blinds or deceives those not made for it: raise, tilt or shield one."
+    return [f"{line} {why}" for line in _in_rigs("LiDARs look into each other", pairs)]
 
 
-def _outside(name: str, trials: Sequence[Trial]) -> str | None:
+def coinciding(interleavings: Mapping[str, Interleaving | None]) -> list[str]:
+    """Warn of rings that coincide, most first; with pitches that part those of the first rig."""
+    rings = {name: apart for name, apart in interleavings.items() if apart}
+    worst = sorted(rings, key=lambda name: -rings[name].before)
+    shares = {name: f"{100 * rings[name].before:.0f} %" for name in worst}
+    lines = _in_rigs("Rings of LiDARs coincide", shares)
+    if lines:
+        first = rings[worst[0]]
+        pitches = ", ".join(digits(math.degrees(pitch), "+.2f") for pitch in first.pitches)
+        share = f"{100 * first.after:.0f} %"
+        lines[0] += f" With pitches of {pitches} degrees more it is {share} in {worst[0]}."
+    return lines
+
+
+def unfamiliar(beyond: Mapping[str, str | None]) -> list[str]:
+    """Warn of rigs outside of those that the generalist was trained on, by how much each is."""
+    return _in_rigs("Mounts are beyond those that the generalist was trained on", beyond)
+
+
+def _beyond_training(trials: Sequence[Trial]) -> str | None:
     for trial in with_detector(trials):
         training = trial.learns
         if training.stage.name != "pretrain" or not trial.collect_test:
@@ -114,10 +135,5 @@ def _outside(name: str, trials: Sequence[Trial]) -> str | None:
         if not isinstance(stage, CollectStage):
             continue
         if (beyond := outside(stage.placement, rigs)) is not None:
-            return beyond_what_is_seen(name, beyond)
+            return beyond
     return None
-
-
-def beyond_what_is_seen(name: str, beyond: str) -> str:
-    """Warn that a rig is outside of those that the generalist has seen, and by how much."""
-    return f"{name} is outside of the rigs that the generalist has seen: {beyond}."

@@ -182,8 +182,8 @@ def test_nothing_is_written_before_there_is_a_server(tmp_path):
 
 @pytest.mark.parametrize(
     ("wrong", "changes", "error", "message"),
-    [  # 12 road users, then LiDAR 0 and LiDAR 1
-        ({"mute": 14}, {"timeout_s": 0.05}, TimeoutError, "tilted: LiDAR 1 delivered nothing"),
+    [  # 12 road users, then LiDAR 1 and LiDAR 2
+        ({"mute": 14}, {"timeout_s": 0.05}, TimeoutError, "tilted: LiDAR 2 delivered nothing"),
         ({"shove": 0.5}, {}, RuntimeError, r"frame \d: vehicle\S+ stands 0\.50 m from where"),
         ({"glass": "*"}, {"frames_per_route": 8, "density": 12}, RuntimeError, "look through them"),
     ],

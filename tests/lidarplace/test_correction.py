@@ -310,7 +310,7 @@ def test_settings_take_it_beside_their_file(tmp_path):
     assert rig.lidars[1].correction is None
     (mounted, _) = read_mounts_yaml(tmp_path / "rig.yaml")
     assert mounted.model.correction == str(tmp_path / "c.yaml")
-    with refused(("lidar_0", "correction", "")):
+    with refused(("lidar_1", "correction", "")):
         write_carla(tmp_path / "objects.json", [mounted])
 
 

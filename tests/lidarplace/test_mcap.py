@@ -65,7 +65,7 @@ def test_a_simulated_log(tmp_path, log):
     out, rig = tmp_path / "line.mcap", PAPER_PLACEMENTS["line_roll"]
     output = run(tmp_path / "log", out, "--placement", "line_roll", "--seed", 3)
     decoded = messages(out)
-    schemas = dict.fromkeys([f"/lidar_{i}" for i in range(4)], "foxglove.PointCloud")
+    schemas = dict.fromkeys([f"/lidar_{i + 1}" for i in range(4)], "foxglove.PointCloud")
     schemas |= {"/objects": "foxglove.SceneUpdate", "/tf": "foxglove.FrameTransforms"}
     assert {topic: schema for topic, schema, _, _ in decoded if topic != "/frame"} == schemas
     numbers = log.frames["frame"].to_numpy()
@@ -76,7 +76,7 @@ def test_a_simulated_log(tmp_path, log):
     assert np.array_equal([t for topic, _, t, _ in decoded if topic == "/tf"], clock(log.frames))
     for index, number in enumerate(numbers):
         for lidar in range(4):
-            cloud = by_topic(decoded, f"/lidar_{lidar}")[index]
+            cloud = by_topic(decoded, f"/lidar_{lidar + 1}")[index]
             assert (cloud.frame_id, cloud.point_stride) == ("ego", 16)
             fields = [(f.name, f.offset) for f in cloud.fields]
             assert fields == [("x", 0), ("y", 4), ("z", 8), ("intensity", 12)]
@@ -116,7 +116,7 @@ def test_recorded_clouds_are_taken_as_they_are(tmp_path, log):
     output = run(tmp_path / "log", tmp_path / "a.mcap", "--placement", "line", "--recorded")
     assert f"{clouds.counts.sum():,} points" in output
     assert f"{collect(log, numbers, rig, KEPT, 0).counts.sum():,} points" not in output
-    (first, *_) = by_topic(messages(tmp_path / "a.mcap"), "/lidar_0")
+    (first, *_) = by_topic(messages(tmp_path / "a.mcap"), "/lidar_1")
     points = np.frombuffer(first.data, "<f4").reshape(-1, 4)
     np.testing.assert_array_equal(points, clouds[0][clouds.lidar(0) == 0])
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 import ray
 
+from lidarplace.base.errors import InputError
 from sweeps.configuration.sweep import RaySettings
+from sweeps.execution import ray_cluster
 from sweeps.execution.backends import BackendLost, OnRay, WorkerDied, _translated, backend_for
 from sweeps.execution.failures import Failure
 from sweeps.execution.ray_cluster import THREADS, ClusterError
@@ -98,3 +100,34 @@ def test_a_worker_or_a_cluster_that_is_gone_is_told(error, found, text):
 def test_a_task_has_one_thread(on_ray, name):
     """Libraries read the variable when they are imported."""
     assert on_ray.submit(os.getenv, name).result() == "1"
+
+
+@pytest.mark.parametrize(
+    ("probe", "wanted", "usable", "line"),
+    [
+        ("print('cuda')", None, None, ""),
+        ("print('cuda')", 2, 2, ""),
+        ("print('GPU: no driver')", None, 0, "GPU: no driver; networks run on the CPU"),
+        ("raise OSError('libcudart')", None, 0, "OSError: libcudart; networks run on the CPU"),
+        ("print('cpu')", None, 0, ""),
+    ],
+)
+def test_a_local_ray_has_gpus_that_networks_can_use(
+    monkeypatch, caplog, probe, wanted, usable, line
+):
+    monkeypatch.setattr(ray_cluster, "has_card", lambda: True)
+    monkeypatch.setattr(ray_cluster, "_PROBE", probe)
+    assert ray_cluster._usable_gpus(RaySettings(num_gpus=wanted)) == usable
+    assert caplog.messages == ([line] if line else [])
+
+
+def test_gpus_that_a_user_asks_for_in_vain(monkeypatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    with pytest.raises(InputError) as caught:
+        ray_cluster._usable_gpus(RaySettings(num_gpus=1))
+    expected = "ray.num_gpus: networks cannot use a GPU; ray.num_gpus=0 trains on the CPU"
+    assert str(caught.value) == expected
+    monkeypatch.setattr(ray_cluster, "_PROBE", "print('GPU: no driver')")
+    with pytest.raises(InputError, match=r"^ray.num_gpus: GPU: no driver; ray.num_gpus=0"):
+        ray_cluster._usable_gpus(RaySettings(num_gpus=1))
+    assert ray_cluster._usable_gpus(RaySettings(num_gpus=0)) == 0

@@ -75,11 +75,12 @@ def test_without_a_gpu_it_names_the_build_for_the_cpu(monkeypatch):
     monkeypatch.setattr(checks, "version", version)
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     monkeypatch.setattr("torch.version.cuda", "13.0")
-    monkeypatch.setattr("shutil.which", lambda name: None)
+    monkeypatch.setattr(checks, "has_card", lambda: False)
     for found in (checks.packages("training", needed=True), checks.gpu()):
         assert "uv pip install --torch-backend cpu 'lidarplace[all]'" in found.remedy
     monkeypatch.setattr("torch.version.cuda", None)
     assert not checks.gpu().remedy
+    assert (checks.gpu().state, checks.gpu(needed=True).state) == ("optional", "missing")
 
 
 def test_the_extra_of_a_package_counts(monkeypatch):
@@ -96,10 +97,28 @@ def test_the_extra_of_a_package_counts(monkeypatch):
 def test_a_gpu_that_torch_was_not_built_for(monkeypatch):
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     monkeypatch.setattr("torch.version.cuda", None)
-    monkeypatch.setattr("shutil.which", lambda name: "/usr/bin/nvidia-smi")
+    monkeypatch.setattr(checks, "has_card", lambda: True)
     found = checks.gpu()
     assert found.state == "weak"
     assert found.remedy == "make clean && make setup TORCH_BACKEND=auto"
+
+
+def test_a_gpu_and_its_problem(monkeypatch):
+    for name, value in {
+        "is_available": True,
+        "device_count": 2,
+        "get_device_name": "NVIDIA H100",
+        "mem_get_info": (75e9, 80e9),
+    }.items():
+        monkeypatch.setattr(f"torch.cuda.{name}", lambda *_, value=value: value)
+    monkeypatch.setattr(checks, "driver_version", lambda: "580.65.06")
+    found = checks.gpu(needed=True)
+    assert found.state == "good"
+    assert found.found.startswith("NVIDIA H100, NVIDIA H100; 75 of 80 GB free; driver 580.65.06, ")
+    assert " triton " in found.found
+    monkeypatch.setattr("training.device.gpu_problem", lambda: "GPU: no driver")
+    assert checks.gpu().found.startswith("GPU: no driver (torch ")
+    assert (checks.gpu().state, checks.gpu(needed=True).state) == ("weak", "missing")
 
 
 def test_make_clean_keeps_results():

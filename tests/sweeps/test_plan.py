@@ -339,11 +339,11 @@ def test_cautions_name_rigs_beyond_what_the_generalist_has_seen(tmp_path):
     rigs = {"placements": high | named, "placement": "high", "vehicle": []}
     plan = plan_of(tmp_path, **generalist, **rigs)
     coincide, facing, outside = rig_cautions(plan)
-    assert facing.startswith("high: LiDARs 1 and 2, 1 and 3, 1 and 4 and 3 pairs more look into ea")
-    assert coincide.startswith("high: ")
+    pairs = "high (1 and 2, 1 and 3, 1 and 4, 3 pairs more)"
+    assert facing.startswith(f"LiDARs look into each other in 1 rig: {pairs}. ")
+    assert coincide.startswith("Rings of LiDARs coincide in 1 rig: high (")
     assert "pitches of −0.75, −0.25, +0.25, +0.75 degrees" in coincide
-    seen = "high is outside of the rigs that the generalist has seen"
-    assert outside == f"{seen}: y by 0.60 m, z by 0.20 m."
+    assert outside.endswith("in 1 rig: high (y by 0.60 m, z by 0.20 m).")
 
 
 def test_cautions_name_lidars_that_see_little_or_the_vehicle(tmp_path):
@@ -357,9 +357,9 @@ def test_cautions_name_lidars_that_see_little_or_the_vehicle(tmp_path):
     own = {name: {"mounts": own} for name, own in mounts.items()}
     swept = {"placements": own, "grid": {"placement": list(own)}, "allow_blind_lidars": True}
     plan = plan_of(tmp_path, **swept, detector=None)
-    roof, back = rig_cautions(plan)
-    assert roof == "roof: 75 % of what LiDAR 2 fires meets the vehicle."
-    assert back == "back: LiDAR 2 covers 0 % of the ROI."
+    back, roof = rig_cautions(plan)
+    assert back == "LiDARs cover less than 1 % of the ROI in 1 rig: back (LiDAR 2: 0 %)."
+    assert roof.endswith("more than 25 % of the rays of LiDARs in 1 rig: roof (LiDAR 2: 75 %).")
 
 
 def test_of_many_rigs_whose_rings_coincide_those_with_the_most_are_named(tmp_path):
@@ -368,17 +368,18 @@ def test_of_many_rigs_whose_rings_coincide_those_with_the_most_are_named(tmp_pat
         for n in range(12)
     }
     plan = plan_of(tmp_path, placements=rigs, grid={"placement": list(rigs)}, detector=None)
-    said, facing = [], []
-    for line in rig_cautions(plan):
-        (said if "rings" in line else facing).append(line)
-    assert len(facing) == MOST_NAMED + 1
-    assert facing[-1].startswith("So do LiDARs of ")
+    coincide, facing = rig_cautions(plan)
     known = [trial for trial in plan.trials if trial.interleaving is not None]
     shares = {trial.grid_point.point.placement: trial.interleaving.before for trial in known}
     most = sorted(shares, key=lambda name: -shares[name])[:MOST_NAMED]
-    assert len(shares) > MOST_NAMED
-    assert [line.split(":")[0] for line in said[:-1]] == sorted(most, key=list(rigs).index)
-    assert said[-1].startswith(f"So do rings of {len(shares) - MOST_NAMED} rigs more, of each at")
+    named = [f"{name} ({100 * shares[name]:.0f} %)" for name in most]
+    more = len(shares) - MOST_NAMED
+    assert more > 0
+    expected = (
+        f"Rings of LiDARs coincide in {len(shares)} rigs: {', '.join(named)} and {more} more. "
+    )
+    assert coincide.startswith(expected)
+    assert facing.startswith("LiDARs look into each other in ")
 
 
 def test_16_bits_are_another_result_and_a_processor_without_them_is_named(tmp_path, monkeypatch):

@@ -197,14 +197,16 @@ def test_the_generalist_is_the_same_in_all_traffic_and_every_rig_is_off_alike(tm
 def test_rigs_beyond_what_the_generalist_has_seen_are_told(tmp_path):
     problem = read_problem(written(tmp_path))  # two LiDARs, z from 1.8 to 2.2 m, upright or rolled
     drawn = problem.training_rigs["generalist_1"]
-    assert not [text for text in rig_warnings({"own": drawn}, problem) if "outside" in text]
+    assert not [text for text in rig_warnings({"own": drawn}, problem) if "generalist" in text]
     four = problem.paper_rigs()["pyramid_pitch"]
-    (warning,) = [text for text in rig_warnings({"four": four}, problem) if "outside" in text]
-    assert warning.startswith("four is outside of the rigs that the generalist has seen: ")
+    (warning,) = [text for text in rig_warnings({"four": four}, problem) if "generalist" in text]
+    assert warning.startswith(
+        "Mounts are beyond those that the generalist was trained on in 1 rig: four ("
+    )
     assert "pitch by " in warning
-    assert warning.endswith(" deg, 4 LiDARs, not 2 to 2.")
+    assert warning.endswith(" deg, 4 LiDARs, not 2 to 2).")
     surrogate = read_problem(write_search(tmp_path))
-    assert not [text for text in rig_warnings({"four": four}, surrogate) if "outside" in text]
+    assert not [text for text in rig_warnings({"four": four}, surrogate) if "generalist" in text]
 
 
 def test_a_dry_run_tells_of_a_rig_beyond_those_that_are_named(tmp_path):
@@ -213,7 +215,9 @@ def test_a_dry_run_tells_of_a_rig_beyond_those_that_are_named(tmp_path):
     changes = {"placements": placements, "generalist": {"rigs": ["low", "middle"]}}
     path = written(tmp_path, search={"start": ["high"]}, **changes)
     output = " ".join(run_search(path, "--dry-run").split())
-    warning = "high is outside of the rigs that the generalist has seen: z by 0.15 m."
+    warning = (
+        "Mounts are beyond those that the generalist was trained on in 1 rig: high (z by 0.15 m)."
+    )
     assert warning in output
 
 

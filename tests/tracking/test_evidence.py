@@ -100,7 +100,7 @@ def test_each_weakness_takes_the_headline_back_and_names_what_to_run(run, kind):
     change, value, clause, wanted = WEAK[kind]
     answer = Analysis(change(run, value)).answer
     assert answer.grade == "Not enough evidence to recommend a rig"
-    assert answer.certainty.startswith(f"Not enough evidence: {clause}")
+    assert answer.certainty.lower().startswith(clause.lower())
     assert "likely" not in " ".join([answer.certainty, *answer.leads])
     assert all(
         "likely" not in other.certainty for other in answer.other_classes if other.weaknesses
@@ -126,7 +126,7 @@ def test_the_two_that_weigh_most_are_named_and_all_are_listed_and_removed(run):
     weak = short(individuals(routes(seeds(run, 2), 2), 20), 0.4)  # 1.5, 2, 2.5 and 8 times short
     answer = Analysis(weak).answer
     assert answer.certainty == (
-        "Not enough evidence: a short training (the last epoch still lowered the loss by 40 %) and "
+        "A short training (the last epoch still lowered the loss by 40 %) and "
         "only 40 individuals in the test frames (at least 100)."
     )
     assert all(key in answer.command for key in ("grid.seed", "test_routes", "training.epochs"))
@@ -162,7 +162,7 @@ def test_a_sweep_without_results_has_no_headline(run):
 
 def test_no_left_out_table_is_a_weakness(run):
     answer = Analysis(replace(run, left_out=None)).answer
-    assert answer.certainty.startswith("Not enough evidence: intervals over seeds alone")
+    assert answer.certainty.startswith("Intervals over seeds alone")
 
 
 def test_generalists_are_seeds(run):
@@ -183,7 +183,9 @@ def test_no_page_is_surer_than_the_weakest_link(run, tmp_path):
     report_of(folder, "best", "failures")
     for name in ("report.html", "decision.html"):
         page = Page((folder / name).read_text(encoding="utf-8"))
-        assert "Not enough evidence: a short training" in page.text
+        assert "Not enough evidence to recommend a rig" in page.text
+        assert page.text.count("ot enough evidence") == 1
+        assert "A short training" in page.text
         assert "Reasons for doubt: " in page.text
         first = page.text[: page.text.index("Reasons for doubt")]
         assert "likely to be the best" not in first
@@ -192,7 +194,7 @@ def test_no_page_is_surer_than_the_weakest_link(run, tmp_path):
         assert "--set 'grid.seed=[1,2,3]'" in first
     terminal = Analysis(RunFolder.read(folder)).headline
     assert terminal[0].startswith("Not enough evidence to recommend a rig: ")
-    assert terminal[-2].startswith("Not enough evidence: a short training")
+    assert terminal[-2].startswith("A short training")
     assert terminal[-1].startswith("For more evidence, run: lidarplace run ")
     markdown = (folder / "report.md").read_text(encoding="utf-8")
     assert "--set 'grid.seed=[1,2,3]'" in markdown

@@ -18,6 +18,7 @@ from tracking.labels import surrogate_name
 from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
 from tracking.report.command import app
+from tracking.report.sections.coefficient_map import coefficient_map_section
 from tracking.report.sections.predictors import predictors_section
 from tracking.report.sections.where_time_went import stage_times, where_time_went
 from tracking.run_folders.sweep import RunFolder
@@ -122,10 +123,11 @@ def test_the_surrogate_that_a_finding_names_is_in_its_figures(built):
     others = run.surrogates.query("surrogate == 's_mig'")
     others = others.assign(value=np.random.default_rng(0).permutation(others["value"]))
     part = replace(run, surrogates=pd.concat([others, perfect]))
-    section = predictors_section(Analysis(part))
-    name = surrogate_name("log_points")
+    analysis, name = Analysis(part), surrogate_name("log_points")
+    first, section = coefficient_map_section(analysis), predictors_section(analysis)
     assert f"The strongest is {name}" in section.notes[0]
-    assert name in section.figures[0].to_json()
+    assert section.notes[0] == first.notes[0]
+    assert name in first.figures[1].to_json()
     assert (section.tables[0].rows[0][0], section.tables[0].rows[0][3]) == ("Car", name)
 
 

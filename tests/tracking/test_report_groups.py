@@ -42,7 +42,7 @@ def test_the_first_screen_has_the_answer_the_picture_then_all_verdicts(tmp_path)
     folder = write_run(tmp_path / "run", NAMES[:3], (1,), detectors=both, densities=three)
     page = report_of(folder, "best", "sensitivity").read_text(encoding="utf-8")
     first = page[: page.index("<nav")]
-    parts = ['<div class="card">', '<div class="plot"', 'class="table verdicts tall"']
+    parts = ['<div class="card answer">', '<div class="plot"', 'class="table verdicts tall"']
     assert sorted(map(first.index, parts)) == [first.index(part) for part in parts]
     assert [first.count(part) for part in parts] == [1, 1, 1]
     assert first.count("Highest mean for Car · ") == 6

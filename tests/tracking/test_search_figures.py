@@ -7,6 +7,7 @@ import pytest
 
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
 from tracking.figures.of_searches import pareto_fronts, robustness_figure, search_history, unseen
 from tracking.run_folders.search_json import Objective, Rig, Zone
@@ -78,6 +79,19 @@ def test_the_menu_shows_one_rig_and_its_axes_turn_with_it():
     low, high = plot.layout.scene.zaxis.range
     assert low < 1.5
     assert high > 3  # the rig that is not shown fits as well
+
+
+def test_rings_on_the_ground_are_the_scale():
+    plot = rig_picture({"a": PicturedRig.of([Mount(z=2.0)])}, None)
+    in_space = [trace for trace in plot.data if trace.type == "scatter3d"]
+    (labels,) = (trace for trace in in_space if trace.mode == "text")
+    of_lines = [t for t in in_space if t.mode == "lines" and len(t.z)]
+    lines = next(t for t in of_lines if not np.nan_to_num(t.z).any())
+    middle = (np.nanmax(lines.x) + np.nanmin(lines.x)) / 2
+    radii = np.hypot(lines.x - middle, lines.y).reshape(-1, 74)[:, :73]
+    wanted = [float(word.removesuffix(" m")) for word in labels.text]
+    np.testing.assert_allclose(radii, np.broadcast_to(wanted, (73, len(wanted))).T, atol=1e-5)
+    assert not any(plot.layout.scene[f"{axis}axis"].visible for axis in "xyz")
 
 
 def test_each_pair_of_objectives_has_a_front_in_order():

@@ -1,5 +1,7 @@
 """Fixtures of the tests of detectors."""
 
+import os
+
 import pytest
 
 MOVED = pytest.param(0, id="last bits moved", marks=pytest.mark.long)  # see test_last_bits
@@ -12,6 +14,17 @@ def last_bits(request):
     Seed of `LastBits`, None for this machine. It changes the test's own calls, no fixtures'.
     """
     return request.param
+
+
+@pytest.fixture(autouse=True)
+def kernels_on_gpu(monkeypatch):
+    """Where there is a GPU, Triton's kernels run on it, also with CPU tensors."""
+    if os.environ.get("TRITON_INTERPRET") != "1":
+        from triton.runtime.jit import JITFunction
+
+        from tests.training.kernels_on_gpu import on_copies
+
+        monkeypatch.setattr(JITFunction, "run", on_copies(JITFunction.run, "cuda"))
 
 
 @pytest.hookimpl(wrapper=True)

@@ -6,6 +6,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from tests.training.kernels_on_gpu import on_copies
 from tests.training.other_device import MEMORY, other_device
 
 
@@ -63,3 +64,23 @@ def test_memory_is_counted_and_ends(matrix, monkeypatch):
         torch.zeros(1001, device=place)
     del views
     assert MEMORY.taken == before
+
+
+def test_kernels_take_copies_of_cpu_tensors(matrix):
+    base = torch.arange(20.0).view(4, 5)
+    column, row, empty = base[1:, 2], base[1], torch.empty(0, 3)
+
+    def run(kernel, numbers, target, nothing, elsewhere, factor, *, grid):
+        assert (kernel, factor, grid) == ("kernel", 2, (1,))
+        assert numbers.stride() == (5,)
+        assert nothing.shape == (0, 3)
+        assert numbers.untyped_storage().data_ptr() == target.untyped_storage().data_ptr()
+        assert numbers.untyped_storage().data_ptr() != base.untyped_storage().data_ptr()
+        target[:3] = factor * numbers
+        elsewhere += 1
+        assert base[1, 0] == 5, "not before the kernel has ended"
+
+    before = matrix.cpu()
+    on_copies(run, "cpu")("kernel", column, row, empty, matrix, 2, grid=(1,))
+    assert base[1].tolist() == [14, 24, 34, 8, 9]
+    assert torch.equal(matrix.cpu(), before + 1)

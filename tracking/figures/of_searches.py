@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
 from tracking.figures.kit.side_by_side import side_by_side
-from tracking.figures.kit.style import OUTLINE, colour, figure, text
+from tracking.figures.kit.style import DIVERGING, OUTLINE, colour, figure, text
 from tracking.figures.kit.vehicle_lines import add_vehicle, pog_from_above
 from tracking.run_folders.search_json import Objective, Rig
 
@@ -215,7 +215,6 @@ def robustness_figure(
 
 
 _CELLS = 120  # cells along the longer side: a page holds three maps a class
-_DIVERGING = [[0, "#56B4E9"], [0.5, "#f7f7f7"], [1, "#E69F00"]]  # blue for less, orange for more
 
 
 def unseen(
@@ -240,5 +239,5 @@ def unseen(
     for heat in maps[:2]:
         heat.update(zmin=0.0, zmax=top)
     widest = float(np.abs(maps[2].z).max()) or 1.0
-    maps[2].update(zmin=-widest, zmax=widest, colorscale=_DIVERGING)
+    maps[2].update(zmin=-widest, zmax=widest, colorscale=DIVERGING)
     return [add_vehicle(plot, vehicle, roi) for plot in plots]

@@ -59,11 +59,17 @@ def weaknesses(run: RunFolder, group: Group) -> list[Weakness]:
 
 
 def grade(weaknesses: Iterable[Weakness]) -> str:
-    """Name the two kinds of weaknesses that weigh most, a sentence; "" without any."""
+    """Grade the evidence by its weaknesses, a sentence; "" without any."""
+    reasons = heaviest(weaknesses)
+    return f"Not enough evidence: {reasons}." if reasons else ""
+
+
+def heaviest(weaknesses: Iterable[Weakness]) -> str:
+    """Name the two kinds of weaknesses that weigh most; "" without any."""
     worst: dict[str, str] = {}
     for weakness in sorted(weaknesses, key=lambda weakness: -weakness.shortfall):
         worst.setdefault(weakness.kind, weakness.clause)
-    return f"Not enough evidence: {' and '.join([*worst.values()][:2])}." if worst else ""
+    return " and ".join([*worst.values()][:2])
 
 
 def remedy(command: str, weaknesses: Sequence[Weakness]) -> str:

@@ -44,6 +44,10 @@ class Group:
         """Add the title to a name where the sweep has other groups."""
         return f"{name} · {self.title}" if self.varies else name
 
+    def includes(self, row: Mapping[str, Any]) -> bool:
+        """Tell whether a row with columns of detector and axes belongs to this group."""
+        return len(self.of(pd.DataFrame([row]))) == 1
+
     def of(self, table: pd.DataFrame) -> pd.DataFrame:
         """Select the rows of `table` that belong to this group, by those columns that apply."""
         return at(table, self.place)

@@ -8,7 +8,7 @@ import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -163,8 +163,9 @@ def slug(*words: str) -> str:
 class Section:
     """Heading with sentences, figures in `columns` and tables below it.
 
-    A `folded` one shows its heading until it is opened, or printed. One on `top` is without its
-    heading on the first screen. `links` are words by address, below the sentences."""
+    A `folded` one shows its heading until it is opened, or printed. Those on the first screen are
+    its "head", and the "picture" beside the answer, without a heading. `links` are words by
+    address, below the sentences."""
 
     title: str
     notes: list[str] = field(default_factory=list)
@@ -172,7 +173,7 @@ class Section:
     tables: list[Table] = field(default_factory=list)
     columns: int = 3
     folded: bool = False
-    top: bool = False
+    place: Literal["page", "head", "picture"] = "page"
     links: dict[str, str] = field(default_factory=dict)
 
     @property

@@ -23,6 +23,7 @@ from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.best import best_section, by_class_section
 from tracking.report.sections.ceiling import reliability_section
 from tracking.report.sections.clouds import clouds_section
+from tracking.report.sections.coefficient_map import coefficient_map_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
 from tracking.report.sections.failures import FILE as FAILURES
 from tracking.report.sections.failures import failures_section
@@ -132,8 +133,14 @@ def _first_blocks(
 
 
 _MakeSection = Callable[[Analysis], Section | None]
-_BUILT_IN: tuple[_MakeSection, ...] = (best_section, placements_section, by_class_section)
-_BUILT_IN += (requirements_section, agreement_section, promotion_section, predictors_section)
+_BUILT_IN: tuple[_MakeSection, ...] = (coefficient_map_section, best_section, placements_section)
+_BUILT_IN += (
+    by_class_section,
+    requirements_section,
+    agreement_section,
+    promotion_section,
+    predictors_section,
+)
 _BUILT_IN += (reliability_section, generalist_section, recorded_clouds_section, published_section)
 _BUILT_IN += (sensitivity_section, tilts_section, density_section, rigs_section, coverage_section)
 _BUILT_IN += (clouds_section, individuals_section, by_distance_section, by_sector_section)
@@ -157,15 +164,16 @@ def _sections(analysis: Analysis) -> Iterator[tuple[str, Section]]:
             _log.warning("plug-in left out: section %s", error)
             continue
         if section is not None:
-            section.folded = name != ("placements" if analysis.run.results.empty else "best")
+            first = "placements" if analysis.run.results.empty else "best"
+            section.folded = section.place == "page" and name != first
             yield name, section
 
 
 def _picture(by_name: Mapping[str, Section]) -> Section:
-    """Move the first figure of the deciding section to the first screen."""
+    """Move figures to the first screen: of the deciding metric, and of recall where AP decides."""
     section = by_name.get("best") or by_name.get("rigs") or Section("")
     figures, section.figures = section.figures[:1], section.figures[1:]
-    return Section(section.title, section.notes[:1], figures, top=True)
+    return Section(section.title, section.notes[:1], figures, place="picture")
 
 
 def _write_failures(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from tracking.findings.best_placement import BestPlacement
-from tracking.findings.evidence import Weakness, grade, remedy, weaknesses
+from tracking.findings.evidence import Weakness, heaviest, remedy, weaknesses
 from tracking.findings.failures import Failures, failures
 from tracking.findings.groups import Group, worst_requirements
 from tracking.labels import some
@@ -128,7 +128,10 @@ def answer(run: RunFolder, recommended: Sequence[Recommendation]) -> Answer:
         + (f" {statement.certainty}" if several and not weak else "")
         for ranked, statement in zip(recommended, deciding, strict=True)
     ]
-    certainty = grade(weak) or ("" if several else deciding[0].certainty)
+    reasons = heaviest(weak)
+    certainty = "" if several else deciding[0].certainty
+    if reasons:  # the heading grades the evidence
+        certainty = f"{reasons[0].upper()}{reasons[1:]}."
     first = recommended[0]
     return Answer(
         grade=heading,

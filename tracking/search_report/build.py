@@ -98,11 +98,13 @@ def _picture(run: SearchFolder) -> Section:
     kinds["others that were found"] = dict(further[: max(0, MOST_RIGS - len(menu))])
     menu |= kinds["others that were found"]
     if not menu:
-        return Section("The rigs", top=True)
+        return Section("The rigs", place="picture")
     named = ", ".join(kind for kind, of_kind in kinds.items() if of_kind)
     pictured = {name: PicturedRig.found(rig) for name, rig in menu.items()}
     picture = rig_picture(pictured, run.search.body, run.search.zones)
-    return Section("The rigs", [f"The menu has {named}. {AXES_AND_POSTS}"], [picture], top=True)
+    return Section(
+        "The rigs", [f"The menu has {named}. {AXES_AND_POSTS}"], [picture], place="picture"
+    )
 
 
 def _unseen(run: SearchFolder) -> Section | None:

@@ -70,7 +70,7 @@ class Rig:
                         blueprint.set_attribute(name, value)
                 sensor = actors.spawn(blueprint, mount_transform(mount, (centre.x, centre.y)), ego)
                 if sensor is None:
-                    raise RuntimeError(f"placement {placement.name}: no room for LiDAR {m}")
+                    raise RuntimeError(f"placement {placement.name}: no room for LiDAR {m + 1}")
                 self._mount_of.append(m)
                 sensor.listen(partial(_deliver, self._arrived, number))
 
@@ -86,8 +86,8 @@ class Rig:
             except queue.Empty:
                 missing = sorted({m for s, m in enumerate(self._mount_of) if s not in returns})
                 raise TimeoutError(
-                    f"placement {self._placement.name}: LiDAR {missing[0]} delivered nothing for "
-                    f"CARLA's frame {step} within {timeout_s:g} s"
+                    f"placement {self._placement.name}: LiDAR {missing[0] + 1} delivered nothing "
+                    f"for CARLA's frame {step} within {timeout_s:g} s"
                 ) from None
             if frame == step:
                 returns[number] = points

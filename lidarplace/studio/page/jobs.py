@@ -141,7 +141,7 @@ class Jobs:
     def improve(self) -> None:
         """Move the chosen LiDAR to where the rig finds most."""
         number = self._editing.one()
-        self._say(f"looking for a better pose of LiDAR {number} …", True)
+        self._say(f"looking for a better pose of LiDAR {number + 1} …", True)
         self._say(_describe(self._studio.improve(number)), True)
 
     def add_best(self) -> None:

@@ -110,7 +110,7 @@ class Panel:
             _choices(compared, names, compared.value)
         labels = [
             f"{number}: {lidar.model or studio.file.settings.lidar.name or 'LiDAR'}"
-            for number, lidar in enumerate(rig.lidars)
+            for number, lidar in enumerate(rig.lidars, 1)
         ] or [NO_LIDAR]
         _choices(self.lidar, labels, labels[chosen or 0])
         for field in (*self.pose.values(), self.model, self.works, self.improve):

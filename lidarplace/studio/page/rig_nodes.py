@@ -58,7 +58,7 @@ class RigNodes:
                 thickness=2.5 if number == chosen else 1.0,
             )  # fmt: skip
             if wrong is not None:
-                label = f"{number}{' ✗' if number in wrong else ''}{'' if works else ' (dead)'}"
+                label = f"{number + 1}{' ✗' if number in wrong else ''}{'' if works else ' (dead)'}"
                 self._scene.add_label(f"{name}/name", label, position=(0, 0, 0.4))
 
     def move(self, number: int, mount: Mount) -> None:

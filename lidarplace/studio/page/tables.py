@@ -106,7 +106,7 @@ def object_answer(objects: pd.DataFrame, chosen: str, rays: Sequence[AimedRays])
             f"{row['class']}, {away:.1f} m away: {row['points']:,} points on {row['cells']:,} "
             f"cells, found with probability {row['probability']:.2f}."
         ]
-    return _box(_lines([*lines, *(f"LiDAR {n}: {one.text}." for n, one in enumerate(rays))]))
+    return _box(_lines([*lines, *(f"LiDAR {n}: {one.text}." for n, one in enumerate(rays, 1))]))
 
 
 def evaluation_tables(results: Mapping[str, pd.DataFrame]) -> str:

@@ -6,12 +6,12 @@ from typing import Any
 
 from rich.console import Console
 
-from lidarplace.command_line.terminal import table
+from lidarplace.command_line.terminal import print_warnings, table
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from sweeps.plan.plan import unused_sensor_warnings
-from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding, facing
+from sweeps.results.rig_cautions import coinciding, facing, unfamiliar
 from sweeps.search.greedy.certificate import why_none
 from sweeps.search.output.tables import mount_columns
 from sweeps.search.problem.problem import SearchProblem
@@ -68,16 +68,14 @@ def greedy_warnings(problem: SearchProblem) -> list[str]:
 def rig_warnings(rigs: Mapping[str, Rig], problem: SearchProblem) -> list[str]:
     """Return warnings: coinciding rings, LiDARs that see each other, rigs new to the generalist."""
     placements = {name: placement_of(rig, problem.models) for name, rig in rigs.items()}
-    warnings = []
-    for name, placement in placements.items():
-        if (better := interleaving(placement)) is not None:
-            warnings.append(coinciding(name, better))
-    for name, placement in placements.items():
-        warnings += facing(placement, problem.criteria.carrier.vehicle, name)
+    vehicle = problem.criteria.carrier.vehicle
+    warnings = [
+        *coinciding({name: interleaving(placement) for name, placement in placements.items()}),
+        *facing({name: (placement, vehicle) for name, placement in placements.items()}),
+    ]
     if problem.uses_generalist and not problem.pretrained:
-        for name, placement in placements.items():
-            if (by := outside(placement, problem.seen_rigs)) is not None:
-                warnings.append(beyond_what_is_seen(name, by))
+        seen = problem.seen_rigs
+        warnings += unfamiliar({name: outside(rig, seen) for name, rig in placements.items()})
     return warnings
 
 
@@ -172,13 +170,12 @@ def print_found(
         return
     names = [*findings.best[:3], *(name for name in findings.rigs if name not in findings.best)]
     _print_rigs(console, {name: findings.rigs[name] for name in names}, problem, run)
+    mounts = [mount_columns(lidar) for lidar in findings.rigs["found_1"].rig]
+    rows = [[f"{v:.3f}" if isinstance(v, float) else v for v in row.values()] for row in mounts]
+    console.print(table("found_1, metres and degrees", list(mounts[0]), rows, words=("zone",)))
+    print_warnings(console, cautions(run), "search.html")
     first = answer(run)
     for line in (f"{first.title}: {first.value}", *first.lines):
         console.print(line, soft_wrap=True)
     for step in next_steps(run)[:1]:
         console.print(f"{step.what[0].upper()}{step.what[1:]}: {step.line}", soft_wrap=True)
-    mounts = [mount_columns(lidar) for lidar in findings.rigs["found_1"].rig]
-    rows = [[f"{v:.3f}" if isinstance(v, float) else v for v in row.values()] for row in mounts]
-    console.print(table("found_1, metres and degrees", list(mounts[0]), rows, words=("zone",)))
-    for caution in cautions(run):
-        console.print(f"warning: {caution}", style="yellow", soft_wrap=True)

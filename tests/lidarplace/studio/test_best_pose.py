@@ -168,9 +168,9 @@ def test_a_lidar_that_cannot_be_asked_gets_a_line_and_the_rest_is_judged(tmp_pat
     assert [one.requirement.name for one in studio.outcomes()] == ["somebody ahead"]
     reported = [(v.lidars, v.text) for v in studio.violations()]
     assert reported == [
-        ((0,), "in black: what.reflectivity: LiDAR 0: has no range_10; "
+        ((0,), "in black: what.reflectivity: LiDAR 1: has no range_10; "
                "set it, or remove this key"),
-        ((1,), "in fog: also_when: LiDAR 1: min_range: expected a number within [0, range), "
+        ((1,), "in fog: also_when: LiDAR 2: min_range: expected a number within [0, range), "
                "found 0.5"),
     ]  # fmt: skip
     assert all(math.isnan(v.excess) for v in studio.violations())

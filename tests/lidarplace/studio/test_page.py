@@ -196,12 +196,12 @@ def test_every_button_does_what_it_says(page):
 
 
 def test_a_lidar_that_breaks_a_constraint_is_marked_in_the_scene(browser):
-    until(lambda: browser.texts.get("/lidars/0/name") == "0")
+    until(lambda: browser.texts.get("/lidars/0/name") == "1")
     browser.type("x, m", 3.0)  # outside of its zone
-    until(lambda: browser.texts["/lidars/0/name"] == "0 ✗")
-    assert browser.texts["/lidars/1/name"] == "1"
+    until(lambda: browser.texts["/lidars/0/name"] == "1 ✗")
+    assert browser.texts["/lidars/1/name"] == "2"
     browser.type("works", False)
-    until(lambda: browser.texts["/lidars/0/name"] == "0 ✗ (dead)")
+    until(lambda: browser.texts["/lidars/0/name"] == "1 ✗ (dead)")
 
 
 def test_what_is_typed_while_the_fields_are_drawn_is_not_lost(page, browser, monkeypatch):

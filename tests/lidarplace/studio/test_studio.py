@@ -214,16 +214,16 @@ def test_no_sweep_is_written_of_a_lidar_in_the_body_or_that_sees_nothing(tmp_pat
     ahead = sky | {"x": 2.4, "z": 0.6, "pitch_deg": 90}
     big, near = {"lidar": {"size_mm": [400, 400, 400]}}, {"constraints": {"distance": 0.0}}
     for mounts, keys, text in (
-        ([ahead, sky], {}, "LiDAR 1: sees no ground and nothing below 2 m"),
-        ([sky], {"allow_blind_lidars": False}, "LiDAR 0: sees no ground"),
+        ([ahead, sky], {}, "LiDAR 2: sees no ground and nothing below 2 m"),
+        ([sky], {"allow_blind_lidars": False}, "LiDAR 1: sees no ground"),
         (
             [sky | big, ahead | {"x": 0, "z": 2.7}],
             near,
-            "LiDAR 1: is inside the housing of LiDAR 0",
+            "LiDAR 2: is inside the housing of LiDAR 1",
         ),
-        ([ahead, within], {}, "LiDAR 1: .* m inside of the vehicle's body"),
-        ([within], {"vehicle": {"boxes": [[[-1, -1, 0], [1, 1, 1]]]}}, "LiDAR 0: 0.2 m inside"),
-        ([outside], {"keep_out": rack}, "LiDAR 0: 0.2 m inside of what is kept out"),
+        ([ahead, within], {}, "LiDAR 2: .* m inside of the vehicle's body"),
+        ([within], {"vehicle": {"boxes": [[[-1, -1, 0], [1, 1, 1]]]}}, "LiDAR 1: 0.2 m inside"),
+        ([outside], {"keep_out": rack}, "LiDAR 1: 0.2 m inside of what is kept out"),
         ([sky], {"allow_blind_lidars": True}, None),
         ([ahead], {}, None),
     ):
@@ -398,7 +398,7 @@ placements:
     violations = {one.limit: one for one in studio.violations()}
     assert set(violations) == {"common_view", "facing", "price"}
     assert violations["facing"].lidars == (0, 1)
-    assert violations["facing"].text == "LiDARs 0 and 1: look into each other"
+    assert violations["facing"].text == "LiDARs 1 and 2: look into each other"
     assert violations["price"].excess == pytest.approx(3)
     assert "and rear: " in violations["common_view"].text
     assert len(violations["common_view"].lidars) == 1

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import equal_axes, xyz
-from tracking.figures.kit.style import OUTLINE, TOLD, add_menu, figure, lidar_markers, text
-from tracking.figures.kit.vehicle_lines import add_lines, posts, vehicle_in_space
+from tracking.figures.kit.style import OUTLINE, QUIET, TOLD, add_menu, figure, lidar_markers, text
+from tracking.figures.kit.vehicle_lines import add_lines, extent_of, posts, vehicle_in_space
 from tracking.run_folders.search_json import Rig, Zone
 
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
@@ -54,6 +54,7 @@ def rig_picture(
     A sedan carries them for a `vehicle` of None; LiDARs may sit in `zones`."""
     plot = figure("LiDARs on the vehicle", height=420, margin={"l": 0, "r": 0, "t": 70, "b": 32})
     plot.add_traces(vehicle_in_space(vehicle))
+    _add_ground(plot, vehicle)
     if zones:
         lines = np.concatenate([_prism(zone) for zone in zones])
         add_lines(plot, lines, "#CC79A7", 4, name="zones")
@@ -77,13 +78,40 @@ def rig_picture(
         trace.visible = rig_name in ("", first)
     # Axes of equal scale that hold every rig, so that the menu does not move the picture.
     seen = [np.stack([trace.x, trace.y, trace.z], 1).astype(np.float64) for trace in plot.data]
-    scene = equal_axes(np.concatenate(seen), longest=1.6)
+    scene = equal_axes(np.concatenate(seen), longest=1.9)
+    for axis in "xyz":  # the rings on the ground are the scale
+        scene[f"{axis}axis"]["visible"] = False
     plot.update_layout(
         scene=scene | {"camera": _CAMERA, "dragmode": "turntable"},
         legend={"orientation": "h", "y": 0, "yanchor": "top", "itemsizing": "constant"},
     )
     changes = [({"visible": [rig_name in ("", name) for rig_name in owner]},) for name in rigs]
     return add_menu(plot, [text(name) for name in rigs], changes, y=1)
+
+
+def _add_ground(plot: go.Figure, vehicle: Vehicle | None) -> None:
+    """Draw rings around the middle of the vehicle on the ground, labelled with their radii."""
+    (x0, y0, _), (x1, y1, _) = extent_of(vehicle)
+    x, y, reach = (x0 + x1) / 2, (y0 + y1) / 2, np.hypot(x1 - x0, y1 - y0) / 2
+    step = next(step for step in (1, 2, 5, 10) if reach <= 4 * step or step == 10)
+    radii = np.arange(step, reach + step, step)
+    radii = radii[radii > (y1 - y0) / 2 + 0.5]  # of which a part is in view
+    if not len(radii):  # no body
+        return
+    turn = np.linspace(0, 2 * np.pi, 73)
+    unit = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1)
+    gap = np.full((1, 3), np.nan)
+    rings = [part for radius in radii for part in (radius * unit + [x, y, 0.0], gap)]
+    add_lines(plot, np.concatenate(rings), OUTLINE, 1, showlegend=False)
+    plot.add_scatter3d(
+        x=np.full(len(radii), x),
+        y=y + radii,
+        z=np.zeros(len(radii)),
+        mode="text",
+        text=[f"{radius:g} m" for radius in radii],
+        textfont={"size": 10, "color": OUTLINE},
+        **QUIET,
+    )
 
 
 def _prism(zone: Zone) -> NDArray[np.float64]:
@@ -106,8 +134,10 @@ def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None) -> None
         add_lines(plot, lines, shade, 6, name=f"sensor's {name}", legendgroup=name)
     plot.add_scatter3d(
         **xyz(at),
-        mode="markers",
+        mode="markers+text",
         marker=lidar_markers(len(at), 7),
+        text=[str(number) for number in range(1, len(at) + 1)],
+        textposition="middle right",
         hovertext=[_words(rig, i) for i in range(len(at))],
         name="LiDAR",
         **TOLD,

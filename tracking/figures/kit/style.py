@@ -21,6 +21,8 @@ SYMBOLS = (
     "pentagon",
 )
 SEQUENTIAL = "Cividis"
+DIVERGING = ((0.0, "#56B4E9"), (0.5, "#f7f7f7"), (1.0, "#E69F00"))
+"""Colours of less, blue, and of more, orange."""
 
 
 def colour(index: int) -> str:

@@ -62,9 +62,10 @@ def vehicle_in_space(vehicle: Vehicle | None) -> list[go.Mesh3d | go.Scatter3d]:
     surface = go.Mesh3d(
         **xyz(vertices),
         **corners,
-        color="#aab4be",
-        opacity=0.7,
+        color="#c3ccd5",
         flatshading=True,
+        lighting={"ambient": 0.55, "diffuse": 0.7, "specular": 0.1, "roughness": 0.9},
+        lightposition={"x": 4000, "y": 6000, "z": 9000},
         name="vehicle",
         showlegend=True,
         hoverinfo="skip",

@@ -34,7 +34,7 @@ def picture_section(recommended: Recommendation) -> Section:
         for name in recommended.drawn
     }
     note = f"The menu has the best rigs. {AXES_AND_POSTS}"
-    return Section("The rigs", [note], [rig_picture(rigs, run.sweep.body)], top=True)
+    return Section("The rigs", [note], [rig_picture(rigs, run.sweep.body)], place="picture")
 
 
 def rigs_section(recommended: Recommendation) -> Section:

@@ -7,16 +7,18 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from lidarplace.base.metrics import headline_metric
 from tracking import labels
 from tracking.figures.kit.named_points import add_placements, label_places
 from tracking.figures.kit.style import add_menu, broken, figure, text
 from tracking.findings.paired import group_columns
 from tracking.findings.summary import surrogates_of
-from tracking.kitti_iou import at_headline_iou
+from tracking.kitti_iou import at_headline_iou, headline_iou
 from tracking.pages.section import METRIC, SURROGATE, Table, coefficient, numbers, words
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label
 from tracking.report.sections.ceiling import CEILING
+from tracking.run_folders.sweep import RunFolder
 
 MOST_COEFFICIENTS = 300  # rows of the table of all coefficients that the page shows
 
@@ -36,6 +38,13 @@ def scatters(analysis: Analysis) -> Iterator[go.Figure]:
                 title = text(group.label(class_label(name)))
                 predictors = surrogates_of(summed, group.place, name)
                 yield scatter(of_class, predictors, tests, title, list(run.placements))
+
+
+def is_headline(run: RunFolder, group: Mapping[str, object]) -> bool:
+    """Tell whether a group is about 3D AP of a class, or recall of all, at the headline IoU."""
+    name = str(group["class"])
+    headline = (headline_metric(name), headline_iou(run.results, name))
+    return (group["metric"], group["iou"]) == headline
 
 
 def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
@@ -72,11 +81,9 @@ def scatter(
     """Draw points named by placement with 95 % intervals for a comparison; a menu of surrogates.
 
     `metric` are rows of `seed_means` of one group, `surrogates` those of `surrogates_of`,
-    `correlations` those of `correlate`; the first of the largest |rho| is shown."""
+    `correlations` those of `correlate`."""
     coefficients = {row["surrogate"]: row for row in correlations.to_dict("records")}
     menu = [name for name in labels.in_order(coefficients) if coefficients[name]["n"] > 0]
-    strength = [np.nan_to_num(abs(coefficients[name]["spearman"])) for name in menu]
-    first = int(np.argmax(strength))
     table = metric[metric["seeds"] > 0].set_index("placement").join(surrogates, how="inner")
     table = table.loc[[name for name in placements if name in table.index]]
     names = [str(name) for name in table.index]
@@ -85,11 +92,11 @@ def scatter(
     small = '<span style="font-size:12px">'
     heads = [f"{title}<br>{small}{_coefficient(coefficients[name])}</span>" for name in menu]
     mean, half = (table[key].to_numpy(np.float64) for key in ("mean", "half"))
-    plot = figure(heads[first], height=400, margin={"t": 120})
+    plot = figure(heads[0], height=400, margin={"t": 120})
     hover = "%{text}<br>%{x:.6g}<br>%{y:.2f} %<extra></extra>"
-    values = table[menu[first]]
+    values = table[menu[0]]
     add_placements(plot, values, mean, half, names, placements, hovertemplate=hover)
-    plot.update_xaxes(title=labels.surrogate_label(menu[first]))
+    plot.update_xaxes(title=labels.surrogate_label(menu[0]))
     plot.update_yaxes(title=f"{label} (%)")
     changes = []
     for name, head in zip(menu, heads, strict=True):
@@ -97,7 +104,7 @@ def scatter(
         places = label_places(table[name].to_numpy(np.float64), mean, names, half)
         data = {"x": [table[name].to_list()], "textposition": [places]}
         changes.append((data, layout | {"xaxis.autorange": True}))
-    return add_menu(plot, [labels.surrogate_name(name) for name in menu], changes, first, y=1.02)
+    return add_menu(plot, [labels.surrogate_name(name) for name in menu], changes, y=1.02)
 
 
 def _coefficient(row: Mapping[Hashable, Any]) -> str:

@@ -1,20 +1,23 @@
 """Surrogates as predictors: which predicts AP and recall, how well, and what trusting it costs."""
 
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from lidarplace.base.metrics import headline_metric
 from tracking import labels
-from tracking.findings.best_surrogate import Predictors
 from tracking.findings.groups import has_detectors
-from tracking.kitti_iou import headline_iou
 from tracking.pages.section import SURROGATE, Column, Section, Table, numbers, of_group
 from tracking.report.analysis import Analysis
 from tracking.report.sections.ceiling import CEILING, ceilings_table
-from tracking.report.sections.correlation import MOST_COEFFICIENTS, correlation_table, scatters
+from tracking.report.sections.correlation import (
+    MOST_COEFFICIENTS,
+    correlation_table,
+    is_headline,
+    scatters,
+)
 from tracking.report.sections.regret import regret_table
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.power import power_table, smallest_detectable
@@ -45,7 +48,7 @@ def predictors_section(analysis: Analysis) -> Section | None:
     if not analysis.predictors:
         section.notes.append("Fewer than 3 placements with a metric: no coefficient.")
         return section
-    cases = [one for one in analysis.predictors if _is_headline(run, one)]
+    cases = [one for one in analysis.predictors if is_headline(run, one.group)]
     labelled = ((_group_label(run, one.group), one.sentence) for one in cases)
     sentences = [" · ".join(filter(None, pair)) for pair in labelled]
     section.notes += sentences[:MOST_SENTENCES]
@@ -63,7 +66,7 @@ def predictors_section(analysis: Analysis) -> Section | None:
             "Only placements that were promoted were trained in full. A surrogate that chose them "
             "varies less among them than among all: its coefficient here is not that over all."
         )
-    section.figures = list(scatters(analysis))
+    section.figures = list(islice(scatters(analysis), 1, None))  # the first screen has the first
     section.tables = [
         _ranking_table(analysis),
         *regret_table(analysis),
@@ -72,13 +75,6 @@ def predictors_section(analysis: Analysis) -> Section | None:
         correlation_table(correlations, run.axes).first(MOST_COEFFICIENTS),
     ]
     return section
-
-
-def _is_headline(run: RunFolder, one: Predictors) -> bool:
-    """Tell whether it is about 3D AP of a class, or recall of all, at the headline IoU."""
-    name, group = str(one.group["class"]), one.group
-    headline = (headline_metric(name), headline_iou(run.results, name))
-    return (group["metric"], group["iou"]) == headline
 
 
 def _group_label(run: RunFolder, group: Mapping[Any, Any]) -> str:
@@ -138,7 +134,7 @@ def _ranking_table(analysis: Analysis) -> Table:
     rankings = [one.ranking.rename_axis("surrogate").reset_index() for one in predicted]
     table = pd.concat([ranking.assign(**of) for ranking, of in zip(rankings, group, strict=True)])
     table = table.merge(ranges, how="left", on=keys).merge(most, how="left", on=keys)
-    headline = np.repeat([_is_headline(run, one) for one in predicted], [*map(len, rankings)])
+    headline = np.repeat([is_headline(run, one.group) for one in predicted], [*map(len, rankings)])
 
     def behind(row: Mapping[Any, Any]) -> str:
         low, high = row["behind_low"], row["behind_high"]

@@ -1,0 +1,29 @@
+"""NVIDIA's cards, driver and errors, without torch."""
+
+import re
+from pathlib import Path
+
+_PCI = Path("/sys/bus/pci/devices")
+_DRIVER = Path("/sys/module/nvidia/version")
+_WSL = Path("/dev/dxg")  # GPUs of Windows
+
+_NVIDIA = "0x10de"
+
+
+def has_card() -> bool:
+    """Test if a card is plugged in, with or without a driver."""
+    vendors = (path.read_text(encoding="ascii").strip() for path in _PCI.glob("*/vendor"))
+    return _DRIVER.exists() or _WSL.exists() or _NVIDIA in vendors
+
+
+def driver_version() -> str:
+    """Return the version of the driver that is loaded, such as "580.65.06"; empty without one."""
+    return _DRIVER.read_text(encoding="ascii").strip() if _DRIVER.exists() else ""
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Test if an error of torch, triton or one of CUDA's libraries is for want of GPU memory.
+
+    Not triton's OutOfResources: a kernel needs as much shared memory for one frame as for many."""
+    pattern = r"CUDA error: out of memory|\[CUDA\]: out of memory|STATUS_ALLOC_FAILED"
+    return type(error).__name__ == "OutOfMemoryError" or re.search(pattern, str(error)) is not None
