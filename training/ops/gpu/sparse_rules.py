@@ -6,7 +6,8 @@ import triton.language as tl
 from torch import Tensor
 
 from training.ops.gpu.launch import launch
-from training.ops.sparse_rules import Triple
+
+Triple = tuple[int, int, int]  # along z, y, x
 
 _LANES = 1024
 """Windows, or sites, of a program."""
