@@ -94,11 +94,14 @@ def of_boxes(
 ) -> Iterator[tuple[str, Operation]]:
     sparse, crowd = scattered(random, 4096, device), proposals(random, count, device)
     scores = torch.from_numpy(random.random(max(count, 4096), np.float32)).to(device)
-    yield "NMS of 4,096 boxes at 0.01", partial(nms, sparse, scores[:4096], 0.01)
+    yield "NMS of 4,096 boxes at 0.01", partial(nms, sparse[None], scores[None, :4096], 0.01)
     for post in (count, 512):
         name = f"NMS of {count:,} proposals at 0.8, up to {post} kept"
-        yield name, partial(nms, crowd, scores[:count], 0.8, count, post)
-    yield "IoU of 512 proposals with 40 boxes", partial(iou_3d, crowd[:512], crowd[512:552])
+        yield name, partial(nms, crowd[None], scores[None, :count], 0.8, count, post)
+    yield (
+        "IoU of 512 proposals with 40 boxes",
+        partial(iou_3d, crowd[None, :512], crowd[None, 512:552]),
+    )
 
 
 def of_networks(device: torch.device, preset: str) -> Iterator[tuple[str, Operation]]:

@@ -20,6 +20,7 @@ from training.dataset import TrainingFrames, as_tensors
 from training.detect import detect
 from training.detectors.detector import Selection
 from training.finetune import TrainingContext, finetune
+from training.ops.gpu import rotated_iou
 from training.optimisation import Optimisation
 from training.settings import TrainingSettings
 
@@ -42,6 +43,7 @@ def on_cpu():
 def other(monkeypatch, large_blocks):
     """The device that stands for a GPU; what a test changes of its memory is undone."""
     monkeypatch.setattr(MEMORY, "total", MEMORY.total)
+    monkeypatch.setattr(rotated_iou, "_ROWS", 256)  # a program takes milliseconds on a CPU
     with other_device() as place:
         run_on(place, monkeypatch)
         yield place

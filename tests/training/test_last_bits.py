@@ -43,7 +43,10 @@ def one_stage_detections():
     places = model.dense_head.anchors.reshape(1, -1, 7)
     logits = torch.full((1, places.shape[1], 1), -20.0)
     logits[0, : len(border_logits()), 0] = border_logits()
-    raw = HeadOutput(logits, torch.zeros_like(places), torch.zeros(*places.shape[:2], 2))
+    head = model.dense_head
+    for layer in (head.conv_box, head.conv_dir_cls):
+        torch.nn.init.zeros_(layer.bias)
+    raw = HeadOutput(logits, torch.zeros(1, places.shape[1], head.conv_box.in_channels))
     model.head_output = lambda _: raw
     return model.predict([], ALL)[0]["boxes"][:, :2]
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from training.detectors.backbones.point_sampling import sample_points, within
 from training.detectors.backbones.pointnet2 import AbstractionSettings, PointNet2, PointNet2Settings
@@ -133,7 +134,9 @@ class PointRCNN(Detector):
     def propose(self, points: ScoredPoints, output: PointOutput) -> Proposals:
         """Propose the best boxes of the points of each frame."""
         parts = output.logits, self.point_head.decode(output, points.xyz)
-        return self.roi_head.propose(*(part.split(points.counts) for part in parts))
+        # A box of what fills up is not finite, and no proposal.
+        padded = (pad_sequence(part.split(points.counts), True, torch.nan) for part in parts)
+        return self.roi_head.propose(*padded)
 
     def loss(self, points: Rows, boxes: Rows, labels: Rows) -> dict[str, Tensor]:
         """Compute "loss" and its parts point_cls, point_box, rcnn_cls, rcnn_reg, rcnn_corner."""
