@@ -54,6 +54,9 @@ VERBS = {
         "sweeps.commands.doctor", "Check that everything is installed that a sweep needs."
     ),
     "report": Verb("tracking.report.command", "Write the report of a sweep again."),
+    "figures": Verb(
+        "tracking.paper.command", "Write figures of a sweep as files for a paper.", "sweeps"
+    ),
     "search-report": Verb("tracking.search_report.command", "Write the report of a search again."),
     "dashboard": Verb("tracking.dashboard", "Open MLflow with the runs of sweeps.", "sweeps"),
     "record": Verb("sweeps.commands.record", "Record the scenes of a sweep as box logs.", "sweeps"),

@@ -211,6 +211,7 @@ FOLDERS = {
     "view": ("view", "FOLDER"),
     "export": ("export", "FOLDER", "out", "--placement", "line"),
     "report": ("report", "FOLDER"),
+    "figures": ("figures", "FOLDER"),
     "search-report": ("search-report", "FOLDER"),
     **{f"convert {name}": ("convert", name, "FOLDER", "out") for name in CONVERT},
 }

@@ -67,6 +67,7 @@ FLOORS = {
         "figures",
         "mlflow pages",
         "dashboard report search_report",
+        "paper",
     ),
     "tracking.figures": ("kit", "of_searches"),
     "tracking.report": (

@@ -31,7 +31,7 @@ TRAINED = {
     "classes": ["Car", "Cyclist", "Pedestrian"],
     "lidar": LIDAR,
     "surrogate": {"names": ["covered_entropy"], "resolution": 0.4},
-    "training": {"epochs": 8, "batch_size": 2},
+    "training": {"epochs": 4, "batch_size": 2},
     "grid": {"placement": ["center", "pyramid"], "lidar.azimuth_steps": [240, 480]},
 }
 ROI = Roi((0, 40), (-20, 20), (0, 4), 0.4)

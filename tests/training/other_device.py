@@ -29,6 +29,28 @@ _MOVES = (_aten._to_copy.default, _aten.copy_.default)
 """Operations that may have tensors of two devices."""
 
 
+WAITS: Counter[str] = Counter()
+"""Operations so far for whose results a GPU's host would wait, by name."""
+
+_OF_UNKNOWN_SIZE = frozenset(
+    [
+        *("_local_scalar_dense", "equal", "nonzero", "masked_select", "bincount"),
+        *("_unique2", "unique_dim", "unique_consecutive"),
+    ]
+)
+
+
+def _waits(operation, args, kwargs, moves: bool) -> bool:
+    name = operation.overloadpacket.__name__
+    if name.removesuffix("_") in ("index", "index_put"):
+        return any(item is not None and item.dtype == torch.bool for item in args[1])
+    if name == "repeat_interleave":
+        return kwargs.get("output_size") is None
+    if operation in _MOVES:
+        return moves and not (kwargs.get("non_blocking") or True in args[2:])
+    return name in _OF_UNKNOWN_SIZE
+
+
 class Memory(_DummyBackendModule):
     """Counterpart of torch.cuda; counts the bytes of the tensors that are alive."""
 
@@ -108,10 +130,13 @@ class OtherTensor(Tensor):
         if options.get("device"):
             leaves = torch.device(options["device"]).type != NAME
             options["device"] = torch.device("cpu")
+        moves = leaves or any(isinstance(item, Tensor) and item.is_cpu for item in args)
+        WAITS[operation.overloadpacket.__name__] += _waits(operation, args, kwargs, moves)
         out = operation(*_held(operation, args), **options)
         return return_and_correct_aliasing(operation, args, kwargs, out if leaves else _other(out))
 
     def tolist(self):
+        WAITS["tolist"] += 1
         return self.held.tolist()
 
     def __reduce_ex__(self, protocol):
@@ -164,6 +189,7 @@ def _made(operation):
 
 def _copy_from(source: Tensor, target: Tensor, non_blocking: bool = False) -> Tensor:
     """`copy_` where torch looks past __torch_dispatch__, as torch.tensor does."""
+    WAITS["copy"] += not non_blocking
     held, numbers = (getattr(item, "held", item) for item in (target, source))
     held.copy_(numbers)
     return target

@@ -20,6 +20,7 @@ from training.dataset import TrainingFrames, as_tensors
 from training.detect import detect
 from training.detectors.detector import Selection
 from training.finetune import TrainingContext, finetune
+from training.ops.gpu import rotated_iou
 from training.optimisation import Optimisation
 from training.settings import TrainingSettings
 
@@ -39,9 +40,10 @@ def on_cpu():
 
 
 @pytest.fixture
-def other(monkeypatch):
+def other(monkeypatch, large_blocks):
     """The device that stands for a GPU; what a test changes of its memory is undone."""
     monkeypatch.setattr(MEMORY, "total", MEMORY.total)
+    monkeypatch.setattr(rotated_iou, "_ROWS", 256)  # a program takes milliseconds on a CPU
     with other_device() as place:
         run_on(place, monkeypatch)
         yield place
@@ -77,17 +79,22 @@ def some_frames(dtype=torch.float32):
 
 
 def untrained(network):
-    """A tiny network; few RoIs, as the GPU's searches are slow on a CPU."""
+    """A tiny network; few points and RoIs, as the GPU's searches are slow on a CPU."""
     torch.manual_seed(0)
     model = build_detector(network, ["Car"], preset="tiny")
     if hasattr(model, "roi_head"):
         settings = model.roi_head.settings
         train, test = (
             replace(settings.train, pre=256, post=64),
-            replace(settings.test, pre=256, post=16),
+            replace(settings.test, pre=256, post=8),
         )
-        sampling = replace(settings.sampling, rois=8)
+        sampling = replace(settings.sampling, rois=4)
         model.roi_head.settings = replace(settings, train=train, test=test, sampling=sampling)
+    if hasattr(model, "pfe"):
+        model.pfe.keypoints = 24
+    if hasattr(model, "points"):
+        model.points, model.backbone_3d.SA_modules.places = 512, (32, 8)
+        model.roi_head.SA_modules.places = (4,)
     return model
 
 

@@ -18,7 +18,10 @@ from lidarplace.rigs.placement import Mount, Placement
 from tests.training import gpu_compilation
 from tests.training.test_casting import CROP, log_of
 from training.casting import cast_frames
-from training.ops import gpu
+from training.detectors.heads.anchor_targets import _assign_triton, anchor_rules
+from training.detectors.heads.anchors import KITTI_ANCHORS, anchor_grid
+from training.ops import ball_query, gpu, interpolation, points_in_boxes, voxel_query
+from training.ops.gpu.rotated_iou import iou_3d, unsuppressed
 from training.ops.sampling import _furthest_triton
 
 TYPES = {
@@ -31,6 +34,20 @@ def run_all(dtype):
     """Run each operation that has a kernel once."""
     xyz = torch.rand(40, 3).to(dtype)
     _furthest_triton(xyz, [30, 10], 4)
+    boxes = torch.rand(2, 6, 7).to(dtype)
+    iou_3d(boxes, boxes)
+    unsuppressed(boxes, torch.tensor([6, 3]), 0.1, 4)
+    anchors = anchor_grid([KITTI_ANCHORS["Car"]], (0, 0, 0, 4, 4, 4), (2, 2), centred=True)
+    rules = anchor_rules([KITTI_ANCHORS["Car"]])
+    _assign_triton(anchors, rules, list(boxes), torch.ones(2, 6, dtype=torch.int64))
+    frames = xyz, torch.tensor([30, 10])
+    ball_query._query_triton(0.1, 4, *frames, *frames)
+    interpolation._nearest_triton(*frames, *frames)
+    points_in_boxes._first_box_triton(xyz, [30, 10], 2 * [torch.rand(2, 7).to(dtype)])
+    points_in_boxes._first_points_triton(xyz, [30, 10], torch.rand(2, 2, 7).to(dtype), 4)
+    cells = torch.cartesian_prod(torch.arange(5), torch.arange(2), torch.arange(2), torch.arange(2))
+    voxels = voxel_query.OccupiedVoxels(xyz, cells, (2, 2, 2))
+    voxel_query._query_triton((1, 1, 1), 0.1, 4, voxels, xyz, cells)
     rig = Placement("one", [Mount(z=2.0)], Lidar((-0.2,), azimuth_steps=4))
     cast_frames(SimulatedClouds(log_of(1, 0), [0], rig, CROP), [0], torch.device("cpu"))
 

@@ -12,7 +12,6 @@ import pandas as pd
 
 from lidarplace.base.metrics import RANKING
 from lidarplace.rigs.placement import Mount
-from tracking.findings.groups import Group
 from tracking.kitti_iou import at_headline_iou
 from tracking.labels import plus_minus, points
 from tracking.pages.section import (
@@ -30,7 +29,6 @@ from tracking.pages.section import (
 from tracking.report.analysis import Analysis
 from tracking.report.headline import class_label, headline_label
 from tracking.report.sections.published import DIGITS, published_density_table, rounded
-from tracking.run_folders.sweep import RunFolder
 
 DENSITY = "scene.density"
 
@@ -94,9 +92,7 @@ _DIFFERENCE = ("difference", "low", "high")
 
 def tilts_section(analysis: Analysis) -> Section | None:
     """Compare placements with more and less tilted LiDARs; None without such a pair."""
-    run = analysis.run
-    pairs = [pair for pair in tilt_pairs(run.placements) if not run.results.empty]
-    differences = _differences(run, analysis.groups, analysis.means, pairs)
+    differences = tilt_differences(analysis)
     if differences.empty:
         return None
     note = (
@@ -121,11 +117,10 @@ def tilts_section(analysis: Analysis) -> Section | None:
     return section
 
 
-def _differences(
-    run: RunFolder, groups: list[Group], means: pd.DataFrame, pairs: list[TiltPair]
-) -> pd.DataFrame:
-    """Compare each pair in every group, class and metric that both placements have; a row each."""
-    rows = []
+def tilt_differences(analysis: Analysis) -> pd.DataFrame:
+    """Compare each of `tilt_pairs` in every group, class and metric that both have; a row each."""
+    run, groups, means, rows = analysis.run, analysis.groups, analysis.means, []
+    pairs = [] if run.results.empty else tilt_pairs(run.placements)
     names = (*run.classes, "all")
     for name, metric, group in product(names, RANKING, groups):
         of_metric = at_headline_iou(group.of(means), run.results, name, metric)

@@ -12,6 +12,7 @@ from training.detectors.backbones.set_abstraction import BallSettings, SetAbstra
 from training.detectors.backbones.sparse_backbone import STRIDE
 from training.detectors.backbones.voxels import VoxelGrid
 from training.detectors.layers import PaddedBatchNorm
+from training.ops.grouping import stacked_counts
 from training.ops.interpolation import interpolate
 from training.ops.sampling import furthest_point_sample
 from training.ops.sparse_conv import SparseTensor
@@ -35,7 +36,7 @@ class Keypoints:
     """Keypoints of a batch, frame after frame."""
 
     xyz: Tensor  # shape (K, 3), metres
-    counts: Tensor  # keypoints of each frame, shape (B,), int64; 0 in a frame without points
+    counts: Sequence[int]  # keypoints of each frame; 0 in a frame without points
     sources: Tensor  # features from all sources side by side, shape (K, C)
     features: Tensor  # the same fused, shape (K, outputs)
 
@@ -67,23 +68,24 @@ class VoxelSetAbstraction(nn.Module):
 
         `scales` are SCALES of the sparse backbone, `bev` (B, bev, ny, nx) the encoded grid from
         above."""
-        counts = torch.tensor([len(frame) for frame in points], device=bev.device)
-        stacked = torch.cat(list(points))
+        counts, stacked = [len(frame) for frame in points], torch.cat(list(points))
         rows, keypoint_counts = furthest_point_sample(stacked[:, :3], counts, self.keypoints)
         stacked = stacked.to(next(self.parameters()).dtype)
         xyz = stacked[:, :3].contiguous()
         keypoints = xyz[rows]
-        frame = torch.repeat_interleave(keypoint_counts)
+        near = keypoints, stacked_counts(keypoint_counts, xyz.device)
+        frame = torch.repeat_interleave(near[1], output_size=len(keypoints))
         features = [
             sample_image(bev, frame, self._cells(keypoints)),
-            self.SA_rawpoints(xyz, counts, stacked[:, 3:], keypoints, keypoint_counts),
+            self.SA_rawpoints(xyz, stacked_counts(counts, xyz.device), stacked[:, 3:], *near),
         ]
         for (name, stride), layer in zip(SCALES.items(), self.SA_layers, strict=True):
             voxels = scales[name]
             centres = self.grid.centres(voxels.coordinates, stride, xyz.dtype)
-            voxel_counts = torch.bincount(voxels.coordinates[:, 0], minlength=len(points))
-            near = (centres, voxel_counts, voxels.features, keypoints, keypoint_counts)
-            features.append(layer(*near))
+            # The voxels are frame after frame; a GPU's host would wait for bincount().
+            frames = torch.arange(len(points) + 1, device=xyz.device)
+            voxel_counts = torch.searchsorted(voxels.coordinates[:, 0].contiguous(), frames).diff()
+            features.append(layer(centres, voxel_counts, voxels.features, *near))
         sources = torch.cat(features, dim=1)
         fused = self.vsa_point_feature_fusion(sources)
         return Keypoints(keypoints, keypoint_counts, sources, fused)

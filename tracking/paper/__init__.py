@@ -1,0 +1,1 @@
+"""Figures of a sweep as files for a paper."""
