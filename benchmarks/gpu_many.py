@@ -112,14 +112,11 @@ def grouped(dense: list[Dense], images: Tensor) -> Callable[[], tuple[dict[str, 
     return lambda: run(weights, buffers, images)
 
 
-def measure_trainings(device: str, counts: list[int], window_s: float) -> list[dict]:
-    """Frames a second together of so many trainings of a tiny network: a row for each number."""
+def measure_trainings(count: int, device: str, window_s: float) -> dict[str, float]:
+    """Frames a second together of `count` trainings of a tiny network.
+
+    Grouped at best: all but the dense part goes on one after another."""
     torch.set_num_threads(1)
-    return [speeds(count, device, window_s) for count in counts]
-
-
-def speeds(count: int, device: str, window_s: float) -> dict[str, float]:
-    """Frames a second together; grouped at best: what is not dense goes on one after another."""
     models = networks(count, device)
     steps = [training(model) for model in models]
     dense = [Dense(model) for model in models]
@@ -202,5 +199,5 @@ def in_process(barrier: Any, rates: Any, device: str, window_s: float) -> None:
     step = training(networks(1, device)[0])
     step()
     synchronize(device)
-    barrier.wait()
+    barrier.wait(60)
     rates.put(rate(step, device, window_s))

@@ -48,6 +48,11 @@ def device() -> torch.device:
     return torch.device("cuda" if usable else "cpu")
 
 
+def gpu_count() -> int:
+    """Count the GPUs that networks can use; torch alone also counts those without a fit driver."""
+    return torch.cuda.device_count() if device().type == "cuda" else 0
+
+
 @functools.cache
 def _warn(text: str) -> None:
     logging.getLogger(__name__).warning(text)
