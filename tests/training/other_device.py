@@ -135,7 +135,8 @@ class OtherTensor(Tensor):
             leaves = torch.device(options["device"]).type != NAME
             options["device"] = torch.device("cpu")
         moves = leaves or any(isinstance(item, Tensor) and item.is_cpu for item in args)
-        WAITS[operation.overloadpacket.__name__] += _waits(operation, args, kwargs, moves)
+        if _waits(operation, args, kwargs, moves):
+            WAITS[operation.overloadpacket.__name__] += 1
         out = operation(*_held(operation, args), **options)
         return return_and_correct_aliasing(operation, args, kwargs, out if leaves else _other(out))
 
@@ -193,7 +194,8 @@ def _made(operation):
 
 def _copy_from(source: Tensor, target: Tensor, non_blocking: bool = False) -> Tensor:
     """`copy_` where torch looks past __torch_dispatch__, as torch.tensor does."""
-    WAITS["copy"] += not non_blocking
+    if not non_blocking:
+        WAITS["copy"] += 1
     held, numbers = (getattr(item, "held", item) for item in (target, source))
     held.copy_(numbers)
     return target
