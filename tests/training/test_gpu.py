@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import torch
 
-from tests.training.other_device import MEMORY, other_device
+from tests.training.other_device import MEMORY, WAITS, other_device
 from tests.training.synthetic_scenes import scenes
 from tests.training.test_overfit import LIKE_ANOTHER
 from training import NETWORKS, build_detector
@@ -188,6 +188,21 @@ def test_mixed_precision(network, device):
     for frame in detected:
         assert len(frame["boxes"]) > 0
         assert all(torch.isfinite(value).all() for value in frame.values())
+
+
+@pytest.mark.parametrize(
+    ("network", "predicts", "trains"), [("pointrcnn", 1, 2), ("pv_rcnn", 73, 73)]
+)
+def test_the_host_waits_for_a_gpu_as_rarely_as_now(network, predicts, trains, other):
+    """Two frames; a change that needs fewer waits lowers the numbers."""
+    model = untrained(network).to(other)
+    WAITS.clear()
+    model.predict(some_frames()[0])
+    assert WAITS.total() <= predicts, WAITS
+    model.train()
+    WAITS.clear()
+    model.loss(*some_frames())["loss"].backward()
+    assert WAITS.total() <= trains, WAITS
 
 
 # Training

@@ -124,7 +124,7 @@ class PointRCNN(Detector):
         inside = (within(frame, self.point_range) for frame in frames)
         chosen = [sample_points(frame, self.points, self.training) for frame in inside]
         counts = [len(frame) for frame in chosen]
-        points = torch.cat(chosen).to(self.point_head.sizes)
+        points = torch.cat(chosen).to(self.point_head.sizes, non_blocking=True)
         xyz = points[:, :3].contiguous()
         features = self.backbone_3d(xyz, counts, points[:, 3:])
         output = self.point_head(features)

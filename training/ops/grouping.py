@@ -1,6 +1,6 @@
-"""Parts of the searches: portions, counts, order by key, features of the chosen rows."""
+"""Parts of the searches: numbers of rows, order by key, features of the chosen rows."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import numpy as np
 import torch
@@ -8,14 +8,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
-
-CHUNK = 1 << 24  # pairs that the torch paths hold at once
-
-
-def chunks(rows: int, pairs: int) -> Iterator[slice]:
-    """Cut `rows`, each of which has `pairs` pairs, into portions of at most CHUNK pairs."""
-    step = max(1, CHUNK // max(1, pairs))
-    return (slice(low, low + step) for low in range(0, rows, step))
 
 
 def stacked_counts(counts: Iterable[int], device: torch.device) -> Tensor:

@@ -92,8 +92,9 @@ class VoxelSetAbstraction(nn.Module):
 
     def _cells(self, xyz: Tensor) -> Tensor:
         """Places (K, 3) in cells of the image along x and y, (K, 2)."""
-        low = xyz.new_tensor(self.grid.point_range[:2])
-        return (xyz[:, :2] - low) / xyz.new_tensor(self.grid.size[:2]) / STRIDE
+        low, size = self.grid.point_range, self.grid.size
+        axes = ((xyz[:, axis] - low[axis]) / size[axis] / STRIDE for axis in range(2))
+        return torch.stack([*axes], dim=1)
 
 
 def mixed(voxels: SparseTensor) -> SparseTensor:
@@ -115,16 +116,19 @@ def sample_image(image: Tensor, frame: Tensor, place: Tensor) -> Tensor:
     Places (K, 2) are in cells of their `frame` (K,). As in OpenPCDet, features lie at the cells'
     lower corners and count nothing beyond the last."""
     ny, nx = image.shape[2:]
-    last = torch.tensor([nx - 1, ny - 1], device=place.device)
-    low = place.floor().long()
-    low, high = low.clamp_min(0).minimum(last), (low + 1).clamp_min(0).minimum(last)
-    # Beyond the last cell's corner low and high are one cell, and the weights cancel.
-    near, far = high - place, place - low
     corners = [
         ((frame * ny + y) * nx + x, weight_x * weight_y)
-        for x, weight_x in ((low[:, 0], near[:, 0]), (high[:, 0], far[:, 0]))
-        for y, weight_y in ((low[:, 1], near[:, 1]), (high[:, 1], far[:, 1]))
+        for x, weight_x in _cells_around(place[:, 0], nx)
+        for y, weight_y in _cells_around(place[:, 1], ny)
     ]
     idx, weights = (torch.stack(parts, dim=1) for parts in zip(*corners, strict=True))
     rows = image.permute(0, 2, 3, 1).reshape(-1, image.shape[1])
     return interpolate(rows, idx, weights)
+
+
+def _cells_around(place: Tensor, count: int) -> tuple[tuple[Tensor, Tensor], ...]:
+    """Cells below and above places (K,) along an axis of `count` cells, and their weights."""
+    below = place.floor().long()
+    low, high = below.clamp(0, count - 1), (below + 1).clamp(0, count - 1)
+    # Beyond the last cell's corner both are one cell, and the weights cancel.
+    return (low, high - place), (high, place - low)

@@ -69,14 +69,14 @@ def _assign_numba(anchors: Tensor, rules: Tensor, boxes: Rows, labels: Rows) -> 
     objects = torch.cat(list(boxes))
     places, sides = objects[:, :2].to(anchors).T, _halves(objects.to(anchors))
     edges = torch.cat([places - sides, places + sides]).numpy()
-    x, y = anchors[0, :, :, 0].numpy(), anchors[:, 0, :, 1].numpy()
+    x, y = anchors[0, :, :, 0].contiguous().numpy(), anchors[:, 0, :, 1].contiguous().numpy()
+    grid = x, y, _halves(anchors[0, 0]).numpy(), rules.numpy()
     learnt = np.empty((frames, *anchors.shape[:3]), np.int64)
     chosen = np.empty(learnt.shape, np.int64)
     first = 0
     for frame, frame_labels in enumerate(labels):
         stop = first + len(frame_labels)
         of_frame = edges[:, first:stop], frame_labels.numpy(), first
-        grid = x, y, _halves(anchors[0, 0]).numpy(), rules.numpy()
         _assign_kernel(*grid, *of_frame, learnt[frame], chosen[frame])
         first = stop
     flat = torch.from_numpy(learnt.reshape(frames, count))

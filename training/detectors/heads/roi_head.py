@@ -106,7 +106,7 @@ def corner_loss(boxes: Tensor, expected: Tensor) -> Tensor:
     Qi et al., Frustum PointNets, CVPR 2018, section 4.4: a corner may be near the one of the
     expected box or of that box turned by 180°."""
     corners = _corners(boxes)
-    half_turn = expected + expected.new_tensor([0, 0, 0, 0, 0, 0, math.pi])
+    half_turn = torch.cat([expected[:, :6], expected[:, 6:] + math.pi], dim=1)
     distance = torch.minimum(
         torch.linalg.vector_norm(corners - _corners(expected), dim=-1),
         torch.linalg.vector_norm(corners - _corners(half_turn), dim=-1),
@@ -116,6 +116,6 @@ def corner_loss(boxes: Tensor, expected: Tensor) -> Tensor:
 
 def _corners(boxes: Tensor) -> Tensor:
     """The corners (P, 8, 3) of boxes (P, 7)."""
-    half = boxes.new_tensor([-0.5, 0.5])
+    half = torch.arange(2, dtype=boxes.dtype, device=boxes.device) - 0.5
     offsets = torch.cartesian_prod(half, half, half) * boxes[:, None, 3:6]
     return turned(offsets, boxes[:, 6]) + boxes[:, None, :3]
