@@ -51,6 +51,7 @@ ROOT = Path(__file__).parents[1]
 SIZES = {"pointpillars": [2, 8], "second": [2, 8], "pv_rcnn": [2, 8]}  # frames a step
 ON_GPU = [f"{network}:{','.join(map(str, SIZES.get(network, [2])))}" for network in NETWORKS]
 OPERATIONS_S, NETWORKS_S, TESTS_S = 0.3, 1.0, 90.0  # most seconds of a measurement
+GRACE_S = 20.0  # for a measurement that runs when the time is over
 SECTIONS = ("tests", "networks", "operations", "rigs", "trainings", "openpcdet")
 Section = StrEnum("Section", [(name, name) for name in SECTIONS])  # type: ignore[misc]
 Preset = StrEnum("Preset", [(name, name) for name in PRESETS])  # type: ignore[misc]
@@ -83,7 +84,6 @@ class Report:
 
     def save(self) -> None:
         """Write the report so far."""
-        self.folder.mkdir(parents=True, exist_ok=True)
         (self.folder / "gpu.md").write_text("\n".join(self.text) + "\n", encoding="utf-8")
         text = json.dumps(self.numbers, indent=1, default=str)
         (self.folder / "gpu.json").write_text(text, encoding="utf-8")
@@ -121,13 +121,14 @@ def main(
     network: Annotated[
         list[str] | None, typer.Option(help="such as second:2,8, with its frames a step")
     ] = None,
-    minutes: Annotated[float, typer.Option(help="start no measurement after these")] = 5,
+    minutes: Annotated[float, typer.Option(help="no measurement begins after these")] = 5,
     device: Device = Device("cuda"),
     preset: Preset = Preset("openpcdet"),
 ) -> None:
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")
     if device == "cuda" and (problem := gpu_problem() or not torch.cuda.is_available()):
         raise SystemExit(f"--device cuda: {problem if problem is not True else 'no GPU'}")
+    out.mkdir(parents=True, exist_ok=True)
     report = Report(out)
     report.numbers["machine"] = machine()
     report.say("\n".join(f"- {name}: {text}" for name, text in machine().items()) + "\n")
@@ -137,8 +138,6 @@ def main(
     for section in only or SECTIONS:
         report.say(f"## {section}\n")
         try:
-            if run.left() <= 0:
-                raise TimeoutError(f"not run: {minutes:g} minutes are over")
             MEASUREMENTS[str(section)](run)
         except Exception as error:
             traceback.print_exc()
@@ -172,7 +171,7 @@ def run_tests(run: Run) -> None:
         commands = {"kernels": ["tests/training/test_gpu_kernels.py"]}
     failed = []
     for name, arguments in commands.items():
-        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
+        command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *arguments]
         limit = max(10.0, min(TESTS_S, run.left()))
         try:
             done = subprocess.run(
@@ -207,9 +206,7 @@ def report_networks(run: Run, side: str, measure: Callable[..., list[dict]], *ho
         name, _, sizes = text.partition(":")
         frames = [int(size) for size in sizes.split(",")] if sizes else [2]
         try:
-            if run.left() <= 0:
-                raise TimeoutError("not run, the time is over")
-            rows += in_process(measure, name, *how, frames, NETWORKS_S)
+            rows += in_process(run, measure, name, *how, frames, NETWORKS_S)
         except Exception as error:
             problems.append(f"{text}: {type(error).__name__}: {' '.join(str(error).split())[:300]}")
     run.report.numbers[side] = rows
@@ -231,31 +228,44 @@ def report_networks(run: Run, side: str, measure: Callable[..., list[dict]], *ho
         raise RuntimeError("; ".join(problems))
 
 
-def in_process(measure: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function in a new process: a fork has no CUDA, and an error of CUDA stays there."""
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(measure, *arguments).result()
+def in_process(run: Run, measure: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function in a new process: a fork has no CUDA, and an error of CUDA stays there.
+
+    Raises TimeoutError: not begun, or not ended in the time that is left and a grace."""
+    if run.left() <= 0:
+        raise TimeoutError("not run: the time is over")
+    pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+    try:
+        return pool.submit(measure, *arguments).result(run.left() + GRACE_S)
+    finally:
+        pool.shutdown(wait=False)
+        for process in multiprocessing.active_children():
+            process.kill()
 
 
 def measure_operations(run: Run) -> None:
-    rows = in_process(gpu_operations.measure, run.device, run.preset, OPERATIONS_S)
+    rows = in_process(run, gpu_operations.measure, run.device, run.preset, OPERATIONS_S)
     run.report.numbers["operations"] = rows
     run.report.say("Milliseconds:\n")
     run.report.table(rows)
 
 
 def measure_rigs(run: Run) -> None:
-    rows = in_process(gpu_many.measure_rigs, run.device, 20 if run.preset == "tiny" else 280)
+    rows = in_process(run, gpu_many.measure_rigs, run.device, 20 if run.preset == "tiny" else 280)
     run.report.numbers["rigs"] = rows
     run.report.table(rows)
 
 
 def measure_trainings(run: Run) -> None:
     counts, window_s = ([1, 2], 0.5) if run.small else ([1, 4, 8, 24], 1.0)
-    rows = in_process(gpu_many.measure_trainings, run.device, counts, window_s)
-    run.report.numbers["trainings"] = rows
     run.report.say("Frames a second together, four a step:\n")
-    run.report.table(rows)
+    rows: list[dict] = []
+    run.report.numbers["trainings"] = rows
+    try:
+        for count in counts:
+            rows.append(in_process(run, gpu_many.measure_trainings, count, run.device, window_s))
+    finally:
+        run.report.table(rows)
 
 
 MEASUREMENTS = {

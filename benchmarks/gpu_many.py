@@ -51,9 +51,10 @@ def measure_rigs(device: str, frames: int) -> list[dict]:
         placement = PAPER_PLACEMENTS[name].with_lidar(lidar)
         crop = crop_for(X, Y, Z, placement)
         clouds = SimulatedClouds(log, numbers, placement, crop)
+        settings = TrainingSettings(batch_size="auto")
         options: dict[str, Any] = {"point_range": crop, "typical": typical}
         state, network = content["model_state"], content["detector"]
-        boxes = detect(network, classes, state, clouds, TrainingSettings(), **options).boxes
+        boxes = detect(network, classes, state, clouds, settings, **options).boxes
         table = evaluate_boxes(objects, boxes, numbers.tolist(), classes).set_index(list(VALUE))
         return float(table.loc[tuple(VALUE.values()), "value"].max())
 
@@ -75,7 +76,7 @@ def measure_rigs(device: str, frames: int) -> list[dict]:
 
 
 class Dense(nn.Module):
-    """Backbone and head of PointPillars; outputs as a tuple, which `vmap` can return."""
+    """Backbone and head of PointPillars, whose loss `vmap` can return."""
 
     def __init__(self, model: Any) -> None:
         super().__init__()
@@ -84,7 +85,8 @@ class Dense(nn.Module):
     def forward(self, image: Tensor) -> Tensor:
         """A loss of images (B, C, ny, nx), which stands for the detector's."""
         output = self.head(self.backbone(image))
-        return sum((item.square().mean() for item in vars(output).values()), torch.tensor(0.0))
+        residuals, directions = self.head.raw_boxes(output)
+        return sum(item.square().mean() for item in (output.logits, residuals, directions))
 
 
 def networks(count: int, device: str) -> list[Any]:
@@ -112,14 +114,11 @@ def grouped(dense: list[Dense], images: Tensor) -> Callable[[], tuple[dict[str, 
     return lambda: run(weights, buffers, images)
 
 
-def measure_trainings(device: str, counts: list[int], window_s: float) -> list[dict]:
-    """Frames a second together of so many trainings of a tiny network: a row for each number."""
+def measure_trainings(count: int, device: str, window_s: float) -> dict[str, float]:
+    """Frames a second together of `count` trainings of a tiny network.
+
+    Grouped at best: all but the dense part goes on one after another."""
     torch.set_num_threads(1)
-    return [speeds(count, device, window_s) for count in counts]
-
-
-def speeds(count: int, device: str, window_s: float) -> dict[str, float]:
-    """Frames a second together; grouped at best: what is not dense goes on one after another."""
     models = networks(count, device)
     steps = [training(model) for model in models]
     dense = [Dense(model) for model in models]
@@ -202,5 +201,5 @@ def in_process(barrier: Any, rates: Any, device: str, window_s: float) -> None:
     step = training(networks(1, device)[0])
     step()
     synchronize(device)
-    barrier.wait()
+    barrier.wait(60)
     rates.put(rate(step, device, window_s))

@@ -111,7 +111,11 @@ def profiled(step: Callable[[], object], device: str, seconds: float) -> dict[st
         step()
         synchronize(device)
     events = profiler.key_averages()
-    kernels = [e for e in events if not gpu or str(e.device_type).endswith("CUDA")]
+    kernels = [
+        e
+        for e in events
+        if not gpu or (str(e.device_type).endswith("CUDA") and not e.is_user_annotation)
+    ]
     cost = {e.key: (e.self_device_time_total if gpu else e.self_cpu_time_total) for e in kernels}
     dearest = sorted(kernels, key=lambda event: -cost[event.key])[:10]
     launches = (e.count for e in events if e.key.startswith(("cudaLaunch", "cuLaunch")))
@@ -166,21 +170,24 @@ def measure_openpcdet(network: str, sizes: list[int], most_s: float) -> list[dic
     name = CONFIGURATIONS.get(network, network)
     settings = cfg_from_yaml_file(f"cfgs/kitti_models/{name}.yaml", EasyDict())
     classes = list(settings.CLASS_NAMES)
-    ours = build_detector(network, CLASSES, "openpcdet")
+
+    def loaded(frames: Batch, mode: str) -> tuple[Any, dict]:
+        """A data set that gives the limits of voxels of a mode, and its batch."""
+        dataset = DatasetTemplate(settings.DATA_CONFIG, classes, training=False, root_path=Path())
+        dataset.data_processor.mode = mode
+        names = np.array(CLASSES)
+        items = [
+            {"points": p.numpy(), "gt_boxes": b.numpy(), "gt_names": names[label.numpy() - 1]}
+            for p, b, label in zip(*frames, strict=True)
+        ]
+        batch = dataset.collate_batch([dataset.prepare_data(item) for item in items])
+        load_data_to_gpu(batch)
+        return dataset, batch
+
     rows = []
     for size in sizes:
-        points, boxes, labels = batch_of(ours, size)
-        dataset = DatasetTemplate(settings.DATA_CONFIG, classes, training=False, root_path=Path())
-        frames = [
-            dataset.prepare_data({
-                "points": cloud.numpy(),
-                "gt_boxes": box.numpy(),
-                "gt_names": np.array(CLASSES)[label.numpy() - 1],
-            })
-            for cloud, box, label in zip(points, boxes, labels, strict=True)
-        ]  # fmt: skip
-        batch = dataset.collate_batch(frames)
-        load_data_to_gpu(batch)
+        frames = batch_of(build_detector(network, CLASSES, "openpcdet"), size)
+        (dataset, batch), (_, batch_of_training) = (loaded(frames, m) for m in ("test", "train"))
         model = build_network(settings.MODEL, len(classes), dataset).cuda()
         optimizer = torch.optim.AdamW(model.parameters(), lr=1e-4)
 
@@ -188,7 +195,9 @@ def measure_openpcdet(network: str, sizes: list[int], most_s: float) -> list[dic
             with torch.no_grad():
                 model.eval()(dict(batch))
 
-        def train(model: Any = model, batch: Any = batch, optimizer: Any = optimizer) -> None:
+        def train(
+            model: Any = model, batch: Any = batch_of_training, optimizer: Any = optimizer
+        ) -> None:
             optimizer.zero_grad()
             model.train()(dict(batch))[0]["loss"].backward()
             torch.nn.utils.clip_grad_norm_(model.parameters(), 10)

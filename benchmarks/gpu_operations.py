@@ -56,16 +56,17 @@ def of_points(
     cloud = torch.from_numpy(xyz.astype(np.float32)).to(device)
     counts, chosen = torch.tensor([count]).to(device), torch.tensor([samples]).to(device)
     of = f"{samples:,} of {count:,}"
-    yield f"furthest {of}", partial(furthest_point_sample, cloud, counts, samples)
-    centres = cloud[furthest_point_sample(cloud, counts, samples)[0]]
+    yield f"furthest {of}", partial(furthest_point_sample, cloud, [count], samples)
+    centres = cloud[furthest_point_sample(cloud, [count], samples)[0]]
     for ball in ((0.8, 16), (2.4, 32)):
         name = f"ball query {of}, {ball[0]} m, {ball[1]} samples"
         yield name, partial(ball_query, *ball, cloud, counts, centres, chosen)
     yield f"three nearest, {of}", partial(three_nn, cloud, counts, centres, chosen)
     rois = scattered(random, 128, device)
     features = torch.ones(count, 128, device=device)
-    yield f"box of 128 of {count:,} points", partial(box_of_points, cloud, rois)
-    yield "512 points of 128 boxes", partial(pool_points, cloud, features, rois, 512, 1.0)
+    yield f"box of 128 of {count:,} points", partial(box_of_points, cloud, [count], [rois])
+    pooled = cloud, [count], features, rois[None], 512, 1.0
+    yield "512 points of 128 boxes", partial(pool_points, *pooled)
     idx, _ = ball_query(2.4, 32, cloud, counts, centres, chosen)
     yield f"group {samples:,} × 32 × 128, both ways", partial(both_ways, features, idx)
 
@@ -93,11 +94,14 @@ def of_boxes(
 ) -> Iterator[tuple[str, Operation]]:
     sparse, crowd = scattered(random, 4096, device), proposals(random, count, device)
     scores = torch.from_numpy(random.random(max(count, 4096), np.float32)).to(device)
-    yield "NMS of 4,096 boxes at 0.01", partial(nms, sparse, scores[:4096], 0.01)
+    yield "NMS of 4,096 boxes at 0.01", partial(nms, sparse[None], scores[None, :4096], 0.01)
     for post in (count, 512):
         name = f"NMS of {count:,} proposals at 0.8, up to {post} kept"
-        yield name, partial(nms, crowd, scores[:count], 0.8, count, post)
-    yield "IoU of 512 proposals with 40 boxes", partial(iou_3d, crowd[:512], crowd[512:552])
+        yield name, partial(nms, crowd[None], scores[None, :count], 0.8, count, post)
+    yield (
+        "IoU of 512 proposals with 40 boxes",
+        partial(iou_3d, crowd[None, :512], crowd[None, 512:552]),
+    )
 
 
 def of_networks(device: torch.device, preset: str) -> Iterator[tuple[str, Operation]]:

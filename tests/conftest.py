@@ -56,3 +56,14 @@ def on_cpu(monkeypatch):
     # A module whose tests need torch has imported it.
     if "torch" in sys.modules:
         monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+
+
+@pytest.fixture
+def large_blocks(monkeypatch):
+    """Let few programs of a GPU's kernels do the work: on a CPU, the interpreter takes as long for
+    an operation on few numbers as on many."""
+    for name, size in {
+        "neighbours._ROWS": 128, "neighbours._TILE": 1024, "neighbours._PLACES": 512,
+        "neighbours._POINTS": 1024, "points_in_boxes._POINTS": 1024, "points_in_boxes._ROIS": 32,
+    }.items():  # fmt: skip
+        monkeypatch.setattr(f"training.ops.gpu.{name}", size)

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from lidarplace import OccupancyGrid, Roi, evaluate
 from lidarplace.commands.export import app
@@ -14,6 +13,7 @@ from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from tests.forked import run_forked
+from tests.sweeps.toy import call
 
 ROOT = Path(__file__).parents[1]
 
@@ -38,8 +38,7 @@ def export(folder: Path, object_class: str) -> None:
     frames.insert(2, "timestamp_s", frames["frame"] / 10)
     write_box_log(folder / "log", BoxLog(boxes, frames))
     command = [str(folder / "log"), str(folder / "kitti"), "--placement", "line"]
-    result = CliRunner().invoke(app, command)
-    assert result.exit_code == 0, result.output
+    call(app, *command)
 
 
 def test_from_labels_to_a_decision(tmp_path):

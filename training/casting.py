@@ -66,7 +66,7 @@ def cast_frames(
     Returns the points of each frame, those of `clouds[index]`, (n, 4) float32."""
     from training.ops.gpu.casting import cast_rays, programs_of
 
-    scenes = [clouds.scene(index) for index in batch]
+    scenes = clouds.scenes(batch)
     tables = _Tables()
     rigs = [tables.rig(scene, clouds) for scene in scenes]
     numbers = np.concatenate([rig.numbers for rig in rigs])

@@ -48,6 +48,11 @@ def device() -> torch.device:
     return torch.device("cuda" if usable else "cpu")
 
 
+def gpu_count() -> int:
+    """Count the GPUs that networks can use; torch alone also counts those without a fit driver."""
+    return torch.cuda.device_count() if device().type == "cuda" else 0
+
+
 @functools.cache
 def _warn(text: str) -> None:
     logging.getLogger(__name__).warning(text)
@@ -93,7 +98,7 @@ def _run_kernels() -> None:
 
     image = torch.ones(1, 1, 3, 3, device="cuda")
     torch.nn.functional.conv2d(image, image).item()
-    furthest_point_sample(image.view(3, 3), torch.tensor([3], device="cuda"), 2)[0].tolist()
+    furthest_point_sample(image.view(3, 3), [3], 2)[0].tolist()
 
 
 def _explained(error: Exception) -> str:

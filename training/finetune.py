@@ -20,7 +20,7 @@ from training.checkpoints import load_checkpoint, read_checkpoint
 from training.dataset import TrainingFrames, as_tensors
 from training.detectors.build import build
 from training.detectors.detector import Detector, PointRange
-from training.device import device
+from training.device import device, gpu_count
 from training.ground_truth_sampling import ObjectDatabase
 from training.optimisation import Optimisation
 from training.randomness import Purpose, generator, stream
@@ -95,7 +95,7 @@ def finetune(
     if len(clouds) == 0:
         raise InputError(key="clouds", expected="at least one frame", found="none")
     typical = _typical(classes, ground_truth, settings, context.typical)
-    with torch.random.fork_rng(range(torch.cuda.device_count())):
+    with torch.random.fork_rng(range(gpu_count())):
         torch.manual_seed(seed)
         model = build(detector, classes, point_range=context.point_range, typical=typical)
         weights = _load_weights(model, settings, context)

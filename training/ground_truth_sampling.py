@@ -89,4 +89,5 @@ class ObjectDatabase:
 
 def _owners(points: NDArray[np.float32], boxes: NDArray[np.float32]) -> NDArray[np.int64]:
     """Row of the box that each point lies in, -1 outside all, shape (N,)."""
-    return box_of_points(torch.from_numpy(points), torch.from_numpy(boxes)).numpy()
+    rows = box_of_points(torch.from_numpy(points), [len(points)], [torch.from_numpy(boxes)])
+    return rows.numpy()

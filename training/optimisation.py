@@ -72,16 +72,19 @@ class Optimisation:
             with guarded(self._model):
                 returned = self._model.loss(*batch)
             losses = checked_losses(self._model, returned)
-        if not math.isfinite(losses["loss"].item()):
-            raise ArithmeticError(f"the loss is {losses['loss'].item()}")
         self._optimizer.zero_grad()
         self._scaler.scale(losses["loss"]).backward()
         self._scaler.unscale_(self._optimizer)
         most = self._settings.grad_norm_clip
-        norm = torch.nn.utils.clip_grad_norm_(self._model.parameters(), most).item()
+        norm = torch.nn.utils.clip_grad_norm_(self._model.parameters(), most)
+        # The only wait for a GPU in a step.
+        numbers = [value.detach().double().reshape(()) for value in (losses["loss"], norm)]
+        loss, total_norm = torch.stack(numbers).tolist()
+        if not math.isfinite(loss):
+            raise ArithmeticError(f"the loss is {loss}")
         # A scaler finds its scale by gradients that overflow, and leaves out their steps.
-        if not self._scaler.is_enabled() and not math.isfinite(norm):
-            raise ArithmeticError(f"the norm of the gradient is {norm}")
+        if not self._scaler.is_enabled() and not math.isfinite(total_norm):
+            raise ArithmeticError(f"the norm of the gradient is {total_norm}")
         self._scaler.step(self._optimizer)
         self._scaler.update()
         self._model.global_step += 1

@@ -6,6 +6,8 @@ from typing import TypeVar
 
 import torch
 
+from training.nvidia import is_out_of_memory
+
 ON_CPU = 4
 """Frames at once on a CPU, whose caches hold their images."""
 LARGEST = 64
@@ -31,8 +33,8 @@ class PredictionBatches:
     def results(self, predict: Callable[[range], list[Result]], count: int) -> list[Result]:
         """Return what `predict` returns of batches of `count` frames, one after the other.
 
-        If the GPU is out of memory, halves the batch and says so once. Raises OutOfMemoryError if
-        it does not hold one frame."""
+        If the GPU is out of memory, halves the batch and says so once. Raises the error
+        if it does not hold one frame."""
         results: list[Result] = []
         while len(results) < count:
             first = len(results)
@@ -40,8 +42,8 @@ class PredictionBatches:
             before = self._reserved() if self._measures else 0
             try:
                 results += predict(batch)
-            except torch.OutOfMemoryError:
-                if len(batch) == 1:
+            except Exception as error:
+                if len(batch) == 1 or not is_out_of_memory(error):
                     raise
             else:
                 if self._measures:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -152,7 +153,16 @@ class SimulatedClouds:
     def scene(self, index: int) -> Scene:
         """Return rig and surroundings of a frame."""
         frame = int(self.frames[index])
-        parts = self._body.and_(self._surroundings.parts(frame, self._reach))
+        return self._scene(frame, self._surroundings.parts(frame, self._reach))
+
+    def scenes(self, indices: Sequence[int]) -> list[Scene]:
+        """Return rig and surroundings of several frames, faster than one by one."""
+        frames = self.frames[list(indices)].tolist()
+        parts = self._surroundings.parts_of_frames(frames, self._reach)
+        return [self._scene(*of_frame) for of_frame in zip(frames, parts, strict=True)]
+
+    def _scene(self, frame: int, surrounding: Parts) -> Scene:
+        parts = self._body.and_(surrounding)
         ground, world = self._surroundings.ground(frame), self._surroundings.world(frame)
         rig = self._placement
         if self._errors:

@@ -1,5 +1,8 @@
 """Surroundings of the vehicle in a frame of a box log: objects, buildings, world and the ground."""
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -7,7 +10,7 @@ from numpy.typing import NDArray
 from lidarplace.base.errors import InputError
 from lidarplace.clouds.ground import CELL_M, CELLS, Ground, square
 from lidarplace.clouds.reflectivity import Material, reflectivity, uniforms
-from lidarplace.clouds.shapes import BUILDING, SIGN, Parts, bricks, shapes_of
+from lidarplace.clouds.shapes import BUILDING, PANE, SIGN, Parts, bricks, shapes_of
 from lidarplace.clouds.worlds import WorldAround, worlds_of
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, check_boxes, full_poses
@@ -81,10 +84,34 @@ class Surroundings:
         """Return objects of the frame, owners numbered as in `rows`, and buildings; ego frame.
 
         Those farther than `reach` metres from the vehicle are left out."""
+        rows = self._checked_rows(frame)
+        return self._with_buildings(self._shapes.parts(rows, self._geometry[rows]), frame, reach)
+
+    def parts_of_frames(self, frames: Sequence[int], reach: float) -> list[Parts]:
+        """Return the `parts` of every frame, faster than one by one."""
+        rows = [self._checked_rows(frame) for frame in frames]
+        together = np.concatenate([np.empty(0, np.int64), *rows])
+        objects = self._shapes.parts(together, self._geometry[together])
+        first = [0, *np.cumsum([len(of_frame) for of_frame in rows]).tolist()]
+        opaque = objects.owner >= 0
+        number = np.where(opaque, objects.owner, PANE - objects.owner)
+        ends = np.searchsorted(number, first).tolist()
+        shift = np.where(opaque, -1, 1) * np.repeat(np.array(first[:-1], np.int64), np.diff(ends))
+        owner = (objects.owner + shift).astype(np.int32)
+        parts = []
+        for frame, (start, end) in zip(frames, pairwise(ends), strict=True):
+            some = slice(start, end)
+            of_frame = Parts(objects.geometry[some], owner[some], objects.reflectivity[some])
+            parts.append(self._with_buildings(of_frame, frame, reach))
+        return parts
+
+    def _checked_rows(self, frame: int) -> NDArray[np.int64]:
         if frame not in self._listed:
             raise ValueError(f"frame {frame} is not in the box log")
-        rows = self.rows(frame)
-        objects = self._shapes.parts(rows, self._geometry[rows])
+        return self.rows(frame)
+
+    def _with_buildings(self, objects: Parts, frame: int, reach: float) -> Parts:
+        """Return parts of objects, and the buildings of a frame."""
         scene, (x, y, yaw) = self._poses.get(frame, ("", np.zeros(3)))
         if scene not in self._buildings:
             return objects

@@ -1,13 +1,22 @@
 """Evaluation of placements by a detector whose weights are in a file."""
 
 from lidarplace.base.errors import InputError
+from sweeps.configuration.sweep import Common
 from sweeps.plan import named_files
 from sweeps.plan.clouds import TrialClouds, as_collected
 from sweeps.plan.trial import DetectorTrial, Trial
 from sweeps.stages.evaluate import EvaluateStage
 from sweeps.stages.train import PretrainedStage
+from training.nvidia import has_card
 from training.settings import PRETRAINED, TrainingSettings
 from training.typical_objects import TypicalObject
+
+ON_GPU = "evaluator: pretrained: the GPU detects, and casts clouds that are not kept"
+
+
+def uses_gpu(common: Common) -> bool:
+    """Test if this machine has a GPU, and the configuration uses it."""
+    return common.ray.num_gpus != 0 and has_card()
 
 
 def plan_pretrained(
@@ -36,6 +45,7 @@ def plan_pretrained(
         typical=generalist.typical,
         ious=tuple(point.own_ious().items()),
         metrics=point.metrics,
+        gpu=uses_gpu(planning.sweep.common),
     )
     return DetectorTrial(
         **vars(trial),

@@ -123,6 +123,11 @@ class Plan:
     cautions: tuple[str, ...] = ()
 
     @property
+    def gpu(self) -> bool:
+        """Whether a GPU evaluates placements by pretrained weights."""
+        return any(isinstance(task.stage, Network) and task.stage.gpu for task in self.tasks)
+
+    @property
     def typical(self) -> tuple[TypicalObject, ...]:
         """Objects of the classes that have no anchors in a preset; each once."""
         networks = (task.stage for task in self.tasks if isinstance(task.stage, Network))

@@ -19,6 +19,7 @@ from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress, about
 from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.experiment import note
+from sweeps.plan.pretrained import ON_GPU, uses_gpu
 from sweeps.results.origin import record_origin
 from sweeps.search.greedy.certificate import Certificate, first_params, kept_certificate, why_none
 from sweeps.search.output.run_folder import write_search
@@ -56,6 +57,8 @@ def run_search(
 ) -> bool:
     """Search, write, verify. Returns whether all went well. Raises as `drive`."""
     work = SearchWork(console, problem, store, hide_secrets(command, *problem.file.urls))
+    if problem.pretrained and uses_gpu(problem.file):
+        console.print(ON_GPU)
     findings, good = drive(console, problem.file, store, work)
     good &= not print_failures(console, findings) and bool(findings.trials)
     if verify and problem.file.verify is not None and findings.trials:

@@ -16,7 +16,7 @@ from typing_extensions import TypeVar
 
 from lidarplace.base.code_version import code_version
 from lidarplace.rigs.placement import Placement
-from sweeps.stages.stage import Stage
+from sweeps.stages.stage import OMIT_DEFAULT, Stage
 
 S = TypeVar("S", bound=Stage, covariant=True, default=Stage)
 """Stage of a task."""
@@ -79,7 +79,12 @@ def plain(value: Any) -> Any:
         return str(value)
     if isinstance(value, np.ndarray):
         return [value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()]
-    content = {item.name: getattr(value, item.name) for item in fields(value) if item.compare}
+    compared = ((item, getattr(value, item.name)) for item in fields(value) if item.compare)
+    content = {
+        item.name: content
+        for item, content in compared
+        if not (item.metadata.get(OMIT_DEFAULT) and content == item.default)
+    }
     if isinstance(value, Placement):
         content.pop("name")  # a rig of two names is computed once
     return content

@@ -14,7 +14,7 @@ from lidarplace.base.metrics import Overlaps
 from lidarplace.clouds.clouds import Clouds, Crop
 from sweeps.stages.collect import CollectedClouds, clouds_and_objects
 from sweeps.stages.ground_truth import GroundTruth
-from sweeps.stages.stage import Need, R, Stage, of_type
+from sweeps.stages.stage import OMIT_DEFAULT, Need, R, Stage, of_type
 from training import code_of_network, network_of
 from training.settings import TrainingSettings
 from training.typical_objects import TypicalObject
@@ -53,7 +53,9 @@ class Network(Stage[R]):
 
     `point_range`: the crop of the clouds. `typical`: objects of which anchors are, for classes
     without those of the preset. `ious`: of classes that are evaluated at other overlaps than
-    KITTI's, and `metrics`: of plug-ins; both where detections are evaluated."""
+    KITTI's, and `metrics`: of plug-ins; both where detections are evaluated. `gpu`: whether a GPU
+    casts the clouds and detects where pretrained weights are evaluated, whose last digits differ
+    from a CPU's."""
 
     detector: str
     classes: tuple[str, ...]
@@ -62,6 +64,7 @@ class Network(Stage[R]):
     typical: tuple[TypicalObject, ...] = field(default=(), kw_only=True)
     ious: tuple[tuple[str, Overlaps], ...] = field(default=(), kw_only=True)
     metrics: tuple[str, ...] = field(default=(), kw_only=True)
+    gpu: bool = field(default=False, kw_only=True, metadata={OMIT_DEFAULT: True})
 
     def modules(self) -> tuple[str, ...]:
         return (*super().modules(), *code_of_network(network_of(self.detector)))

@@ -12,7 +12,6 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 from tests.refused import refused
 
@@ -27,6 +26,7 @@ from lidarplace.rig_files.carla import attributes, even_fans
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount
 from tests.lidarplace.carla_world import Server, cast
+from tests.sweeps.toy import call
 
 
 def test_command_without_a_server(tmp_path):
@@ -36,8 +36,7 @@ def test_command_without_a_server(tmp_path):
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     command = f"{config} {tmp_path}/out --host 127.0.0.1 --port {port}"
-    done = CliRunner().invoke(app, command.split())
-    assert done.exit_code == 2
+    done = call(app, *command.split(), code=2)
     (line,) = done.stderr.splitlines()
     assert f"no CARLA server answers at 127.0.0.1:{port} within 0.5 s" in line
 

@@ -11,7 +11,7 @@ from lidarplace.clouds.collect import SimulatedClouds, collect, crop_for
 from lidarplace.clouds.ground import CELL_M, CELLS, Ground
 from lidarplace.clouds.raycast import GROUND
 from lidarplace.clouds.returns import ATTENUATION_PER_M, LARGEST_ERROR, CloudPart, sample_points
-from lidarplace.clouds.shapes import SIGN, bricks
+from lidarplace.clouds.shapes import PANE, SIGN, bricks
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY
@@ -341,3 +341,14 @@ def test_mounting_errors_are_of_each_frame_and_those_of_the_rig_as_it_is_drawn()
     assert not np.array_equal(found[0], exact[0])
     portion = collect(log(), range(1, 6, 2), rig, CROP, seed=3, errors=errors)
     np.testing.assert_array_equal(portion[1], found[3])
+
+
+def test_scenes_of_several_frames_are_those_of_each():
+    clouds = SimulatedClouds(log(), [4, 1, 3], Placement("two", TWO, lidar=NOISY), CROP)
+    for index, scene in enumerate(clouds.scenes(range(3))):
+        expected = clouds.scene(index)
+        assert (expected.parts.owner >= 0).any()
+        assert (expected.parts.owner <= PANE).any()
+        for name, array in vars(expected.parts).items():
+            np.testing.assert_array_equal(getattr(scene.parts, name), array, strict=True)
+    assert clouds.scenes([]) == []

@@ -64,6 +64,7 @@ def assert_columns_and_voxels_agree(mount, lidar, roi):
 @example(Mount(1.0, 0.0, 1.0, pitch=math.pi), Lidar((-0.3,), 720))
 @example(Mount(1.7, -0.2, 1.1, roll=-0.9, pitch=0.5), Lidar((0.7,), 720))
 @example(Mount(0.2, -0.6, 0.7, roll=-0.3, pitch=-0.3), Lidar((0.8,), 720))
+@example(Mount(0.4, 0.1, 1.3, 0.3, 0.4), Lidar((-0.2, 0.9), 720, range=1.7))
 @settings(max_examples=400)
 def test_columns_and_voxels_agree(mount, lidar):
     assert_columns_and_voxels_agree(mount, lidar, ROI)

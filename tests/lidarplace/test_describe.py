@@ -1,12 +1,12 @@
 """What a box log holds, counted by hand."""
 
 import pandas as pd
-from typer.testing import CliRunner
 
 from lidarplace.commands.describe import describe
 from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS
 from sweeps.command_line import app
+from tests.sweeps.toy import call
 
 FRAMES = pd.DataFrame({"scene": ["a", "a", "b"], "frame": [0, 1, 2], "timestamp_s": 0.0})
 FRAMES = FRAMES.assign(route=[0, 0, 1], split=["train", "train", "test"])
@@ -43,6 +43,5 @@ def test_a_log_without_boxes():
 
 def test_command(tmp_path):
     write_box_log(tmp_path / "log", BoxLog(BOXES, FRAMES))
-    done = CliRunner().invoke(app, ["describe", str(tmp_path / "log")])
-    assert done.exit_code == 0, done.stderr
+    done = call(app, "describe", str(tmp_path / "log"))
     assert "0.67" in done.stdout

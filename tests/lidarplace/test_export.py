@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from lidarplace.clouds.collect import collect
 from lidarplace.clouds.points_in_boxes import count_points
@@ -13,6 +12,7 @@ from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY
 from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from lidarplace.scenes.kitti.read import read_kitti
 from tests.lidarplace.kitti_reader import read_frame
+from tests.sweeps.toy import call
 
 
 @pytest.fixture
@@ -37,8 +37,7 @@ def log(tmp_path) -> BoxLog:
 
 
 def run(*arguments) -> str:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == 0, result.output
+    result = call(app, *arguments)
     return result.output
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.commands.rig import app
@@ -25,6 +24,7 @@ from lidarplace.requirements.requirement import AlsoWhen, PlacedObject, Requirem
 from lidarplace.rig_files.formats import FORMATS
 from lidarplace.rig_files.mounted import RigSensor
 from lidarplace.rig_files.mounts_yaml import read_mounts_yaml, write_mounts_yaml
+from tests.sweeps.toy import call
 
 NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
 CAR = Vehicle.car()
@@ -175,8 +175,7 @@ def test_frames_that_are_cameras_are_named(name, tmp_path):
     FORMATS[name].write(source, [*FURTHER, optical])
     words = "--only lidar* --cameras cam* --radars radar* --origin 0 0 0 --camera a2d2_front_camera"
     command = f"{source} {tmp_path}/o.yaml {words} --radar drvegrd169"
-    result = CliRunner().invoke(app, command.split())
-    assert result.exit_code == 0, result.output
+    call(app, *command.split())
     sensors = {sensor.name: sensor for sensor in read_mounts_yaml(tmp_path / "o.yaml")}
     np.testing.assert_allclose(
         sensors["cam_optical_frame"].mount.rotation, optical.mount.rotation, atol=1e-9

@@ -9,7 +9,6 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 from lidarplace.commands.convert import app
 from lidarplace.logs.box_log import read_box_log
@@ -19,6 +18,7 @@ from lidarplace.scenes.label_tables.propose import propose_mapping
 from lidarplace.scenes.label_tables.read import read_label_table
 from tests.docs_blocks import ROOT, blocks
 from tests.lidarplace.company_table import Manner, mapping_of, traffic, write_in_manner
+from tests.sweeps.toy import call
 
 
 def write(folder, log, manner, change=None, **keys):
@@ -139,8 +139,7 @@ def test_numbers_of_frames(tmp_path):
 def test_what_is_refused_is_drawn(tmp_path):
     labels, mapping = write(tmp_path, traffic(), Manner(), **units(angle="rad"))
     page = tmp_path / "first.html"
-    result = convert(labels, tmp_path / "log", "--mapping", mapping, "--preview", page)
-    assert result.exit_code == 2
+    convert(labels, tmp_path / "log", "--mapping", mapping, "--preview", page, code=2)
     assert page.exists()
     assert not (tmp_path / "log").exists()
 
@@ -158,22 +157,20 @@ def test_categories_left_out_are_counted_and_numbers_name_too(tmp_path):
     assert set(read_log.boxes["class"]) == {"Car", "Pedestrian"}
 
 
-def convert(*arguments):
-    return CliRunner().invoke(app, ["table", *map(str, arguments)])
+def convert(*arguments, code=0):
+    return call(app, "table", *arguments, code=code)
 
 
 @pytest.mark.parametrize("coordinates", ["ego", "world"])
 def test_the_command(tmp_path, coordinates):
     labels, mapping = write(tmp_path, traffic(), Manner(coordinates=coordinates))
     page = tmp_path / "first.html"
-    result = convert(labels, "--mapping", mapping, "--preview", page)
-    assert result.exit_code == 0, result.stderr
+    convert(labels, "--mapping", mapping, "--preview", page)
     text = page.read_text()
     assert "drive 0, frame 5, t = 0.5 s" in text
     assert "Car: 48 boxes, 4.40 × 1.80 × 1.50 m in the median." in text
     assert sorted(p.name for p in tmp_path.iterdir()) == ["first.html", "labels.csv", "map.yaml"]
-    result = convert(labels, tmp_path / "log", "--mapping", mapping)
-    assert result.exit_code == 0, result.stderr
+    convert(labels, tmp_path / "log", "--mapping", mapping)
     assert len(read_box_log(tmp_path / "log").boxes) == 144
 
 
@@ -215,8 +212,7 @@ MISTAKES = {
 def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, name):
     keys, change, message = MISTAKES[name]
     labels, mapping = write(tmp_path, traffic(), Manner(), change, **keys)
-    result = convert(labels, tmp_path / "log", "--mapping", mapping)
-    assert result.exit_code == 2
+    result = convert(labels, tmp_path / "log", "--mapping", mapping, code=2)
     assert message in result.stderr
     assert result.stderr.count("\n") == 1
     assert str(tmp_path) in result.stderr
@@ -226,7 +222,7 @@ def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, name):
 def test_a_yaw_of_endless_turns_is_refused_in_the_world(tmp_path):
     manner = Manner(coordinates="world")
     labels, mapping = write(tmp_path, traffic(1), manner, cell("heading", 1e308))
-    result = convert(labels, tmp_path / "log", "--mapping", mapping)
+    result = convert(labels, tmp_path / "log", "--mapping", mapping, code=2)
     assert "column heading: yaw is in radians; over two turns: 1 of 144 boxes" in result.stderr
 
 
@@ -250,14 +246,13 @@ def test_a_wrong_heading_of_the_vehicle_is_refused_unless_accepted(
     poses = {"poses": POSES | {"angle": angle}}
     manner = Manner(coordinates="world")
     labels, mapping = write(tmp_path, traffic(1), manner, change, **poses)
-    result = convert(labels, tmp_path / "log", "--mapping", mapping)
-    assert result.exit_code == 2
+    result = convert(labels, tmp_path / "log", "--mapping", mapping, code=2)
     assert message in result.stderr
     assert "change poses." in result.stderr
     assert result.stderr.count("\n") == 1
     every = ["poses", "yaw", "place", "size", "ground", "time"]
     labels, mapping = write(tmp_path, traffic(1), manner, change, **poses, accept=every)
-    assert convert(labels, tmp_path / "log", "--mapping", mapping).exit_code == 0
+    convert(labels, tmp_path / "log", "--mapping", mapping)
 
 
 def test_what_is_meant_is_accepted(tmp_path):
@@ -274,7 +269,7 @@ def test_what_is_meant_is_accepted(tmp_path):
         (traffic(straight=True), Manner(angle="rad"), turned, {}),
     ):
         labels, mapping = write(tmp_path, log, manner, change, **keys)
-        assert convert(labels, tmp_path / "log", "--mapping", mapping).exit_code == 0
+        convert(labels, tmp_path / "log", "--mapping", mapping)
 
 
 LABELS, MAP = "examples/labels/labels.csv", "examples/labels/map.yaml"
@@ -292,11 +287,9 @@ def test_the_example_is_as_the_docs_show_it(tmp_path, monkeypatch):
     monkeypatch.setenv("TERM", "dumb")
     assert propose_mapping(ROOT / LABELS) == printed("yaml", "# A guess")
     result = convert(LABELS, tmp_path / "labels", "--mapping", MAP)
-    assert result.exit_code == 0, result.stderr
     assert result.stdout.replace(str(tmp_path), "logs") == printed("text", "Frames")
     content = yaml.safe_load((ROOT / MAP).read_text(encoding="utf-8"))
     content["units"]["angle"] = "rad"
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(content))
-    result = convert(LABELS, tmp_path / "log", "--mapping", tmp_path / "map.yaml")
-    assert result.exit_code == 2
+    result = convert(LABELS, tmp_path / "log", "--mapping", tmp_path / "map.yaml", code=2)
     assert result.stderr == printed("text", "examples/labels")

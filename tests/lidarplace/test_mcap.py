@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from lidarplace.clouds.clouds import write_clouds
 from lidarplace.clouds.collect import collect
@@ -17,6 +16,7 @@ from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from lidarplace.viewing.mcap import clock
 from tests.sweeps.small_log import write_small_log
+from tests.sweeps.toy import call
 
 pytest.importorskip("foxglove")
 KEPT = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
@@ -53,8 +53,7 @@ def messages(path):
 
 
 def run(*arguments):
-    result = CliRunner().invoke(app, [str(word) for word in arguments])
-    assert result.exit_code == 0, result.output
+    result = call(app, *arguments)
     return result.stdout
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from lidarplace.commands.convert import app
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS
 from lidarplace.scenes.datasets.openlabel import read_openlabel
+from tests.sweeps.toy import call
 
 DRIVE = Path(__file__).parents[1] / "data/openlabel/drive.json"
 AXLE = (-1.4, 0.0, 0.3)
@@ -50,8 +50,7 @@ def test_a_folder_of_drives_by_the_command(tmp_path):
     (tmp_path / "map.yaml").write_text("kiosk: ignore\n")
     line = ["openlabel", tmp_path / "drives", tmp_path / "log", "--origin", *AXLE, "--test", "b"]
     words = [str(word) for word in [*line, "--class-map", tmp_path / "map.yaml"]]
-    done = CliRunner().invoke(app, words, catch_exceptions=False)
-    assert done.exit_code == 0, done.output
+    done = call(app, *words)
     assert "ignored: kiosk" in done.output
     log = read_box_log(tmp_path / "log")
     assert log.frames["scene"].tolist() == ["a", "a", "b", "b"]

@@ -5,12 +5,12 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 from lidarplace.commands.convert import app
 from lidarplace.configuration.yaml import parse_yaml
 from lidarplace.scenes.label_tables.propose import guess_columns, propose_mapping
 from tests.lidarplace.company_table import Manner, mapping_of, traffic, write_in_manner
+from tests.sweeps.toy import call
 
 
 @settings(max_examples=15)
@@ -111,14 +111,14 @@ def test_separators_and_decimal_commas(tmp_path, separator, decimal):
     log = traffic()
     table = write_in_manner(log, Manner(origin=(0.0, 0.0, 0.33)))
     table.to_csv(labels, index=False, sep=separator, decimal=decimal)
-    assert convert(labels, "--propose", guess).exit_code == 0
-    assert convert(labels, tmp_path / "log", "--mapping", guess).exit_code == 0
+    convert(labels, "--propose", guess)
+    convert(labels, tmp_path / "log", "--mapping", guess)
     boxes = pd.read_parquet(tmp_path / "log/boxes.parquet")
     np.testing.assert_allclose(boxes[["x", "y"]], log.boxes[["x", "y"]])
 
 
-def convert(*arguments):
-    return CliRunner().invoke(app, ["table", *map(str, arguments)])
+def convert(*arguments, code=0):
+    return call(app, "table", *arguments, code=code)
 
 
 def test_a_guess_is_not_overwritten(tmp_path):
@@ -127,8 +127,7 @@ def test_a_guess_is_not_overwritten(tmp_path):
     assert convert(labels, "--propose", guess).stdout == f"{guess}\n"
     assert guess.read_text().startswith("# A guess from names and values of labels.csv: check")
     before = guess.read_text()
-    result = convert(labels, "--propose", guess)
-    assert result.exit_code == 2
+    result = convert(labels, "--propose", guess, code=2)
     assert f"{guess}: is there already, and is not overwritten" in result.stderr
     assert guess.read_text() == before
 
@@ -138,10 +137,9 @@ def test_what_nothing_tells_is_left_open(tmp_path):
     table = write_in_manner(traffic(), Manner()).rename(columns={"posX": "A: b", "kind": "no"})
     table["no"] = table["no"].map({"person": 1, "passenger_car": 2, "bicyclist": 3})
     table.to_csv(labels, index=False)
-    assert convert(labels, "--propose", guess).exit_code == 0
+    convert(labels, "--propose", guess)
     assert '  x:   # nothing tells it; other columns: "no, A: b"\n' in guess.read_text()
-    result = convert(labels, tmp_path / "log", "--mapping", guess)
-    assert result.exit_code == 2
+    result = convert(labels, tmp_path / "log", "--mapping", guess, code=2)
     assert "guess.yaml: columns.category: expected a column, found no name" in result.stderr
 
 

@@ -12,9 +12,36 @@ from hypothesis import strategies as st
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.coverage import rays
-from lidarplace.coverage.rays import covered_by_rays, log_miss, ray_counts, ray_weight, thinned
-from tests.lidarplace.single_rays import voxels_of_rays
+from lidarplace.coverage.rays import (
+    VoxelGrid,
+    VoxelLists,
+    clip_rays,
+    covered_by_rays,
+    log_miss,
+    ray_counts,
+    ray_weight,
+    thinned,
+    walk_rays,
+)
 from tests.refused import refused
+
+
+def voxels_of_rays(method, origin, directions, reach, grid):
+    """Flat C-order indices and offsets: ray r has `voxels[offsets[r]:offsets[r + 1]]`.
+
+    grid: minimum, resolution and shape.
+    """
+    minimum, resolution, shape = grid
+    strides = np.array([shape[1] * shape[2], shape[2], 1])
+    voxel_grid = VoxelGrid(minimum.astype(np.float64), resolution, np.array(shape), strides)
+    spans = clip_rays(origin, directions, reach, voxel_grid)
+    voxels = np.empty(len(directions) * sum(shape), np.uint32)
+    offsets = np.zeros(len(directions) + 1, np.int64)
+    bresenham = method == "bresenham"
+    lists = VoxelLists(voxels, offsets)
+    walk_rays(bresenham, origin, directions, spans, reach, voxel_grid, lists)
+    return voxels[: offsets[-1]], offsets
+
 
 ROI = Roi(x=(0.0, 3.0), y=(-1.5, 1.5), z=(0.0, 2.0), resolution=0.25)
 GRID = (ROI.minimum, ROI.resolution, ROI.shape)

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from lidarplace.commands.rig import app
 from lidarplace.configuration.placement import read_placement
@@ -24,6 +23,7 @@ from lidarplace.rigs.pose import angles, rotation
 from lidarplace.rigs.rotations import order_caution, rotations, rotations_of
 from tests.lidarplace.nuscenes_layout import Sample, Scene, write_nuscenes
 from tests.refused import refused
+from tests.sweeps.toy import call
 
 DATA = Path(__file__).parents[1] / "data/rigs"
 QUARTER = math.pi / 2
@@ -121,9 +121,7 @@ def test_the_own_file_keeps_models_and_is_a_placement(tmp_path):
 
 
 def found_by_command(*arguments):
-    done = CliRunner().invoke(app, [str(word) for word in arguments], catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    return done
+    return call(app, *arguments)
 
 
 def test_a_urdf_of_another_library(tmp_path):
@@ -245,8 +243,7 @@ def test_calibrations_of_nuscenes(tmp_path):
     if len(own) == 1:
         rows.append({**own[0], "token": "another", "translation": [0.9, 0.0, 1.9]})
     table.write_text(json.dumps(rows))
-    done = CliRunner().invoke(app, [str(tmp_path / "v1"), "out.yaml", "--format", "nuscenes"])
-    assert done.exit_code == 2
+    done = call(app, str(tmp_path / "v1"), "out.yaml", "--format", "nuscenes", code=2)
     assert "calibrated_sensor.json: LIDAR_TOP: " in done.output
     chosen = re.search(r"--only (LIDAR_TOP\.\S+)", done.output)[1]
     (lidar,) = FORMATS["nuscenes"].read(tmp_path / "v1", [chosen])

@@ -10,7 +10,6 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.clouds.raycast import cast
@@ -24,6 +23,7 @@ from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.nuscenes import STEPS as NUSCENES_STEPS
 from lidarplace.scenes.kitti.read import STEPS as KITTI_STEPS
 from tests.lidarplace.recall.small_scenes import log_of
+from tests.sweeps.toy import call
 
 MOUNT = Mount.degrees(z=2.0, roll=4.0, pitch=3.0)
 """Tilted, so that every ring meets the ground at many distances."""
@@ -77,7 +77,7 @@ def patterns(draw) -> Lidar:
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(lidar=patterns(), lost=st.sampled_from([0.0, 0.3]), ordered=st.booleans())
 def test_a_simulated_cloud_gives_its_lidar_back(lidar, lost, ordered):
     cloud = cloud_of(lidar, lost=lost)
@@ -105,8 +105,8 @@ def test_several_sweeps_and_what_is_not_finite():
     assert len(fit_scan({"cloud": in_order}).elevations) == 5
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+def run(*arguments, code=0):
+    return call(app, *arguments, code=code)
 
 
 def test_the_file_is_the_lidar_of_a_configuration(tmp_path):
@@ -119,7 +119,6 @@ def test_the_file_is_the_lidar_of_a_configuration(tmp_path):
         cloud.to_parquet(tmp_path / "clouds" / f"{seed}.parquet")
     out = tmp_path / "lidar.yaml"
     result = run("fit", tmp_path / "clouds", "--like", "hdl64e", "--out", out)
-    assert result.exit_code == 0, result.output
     assert "fitted to 10 of 12 clouds" in result.stderr
     assert "it turns at about 20.3 Hz" in result.stderr
     assert "0.000 degrees in the median" in result.output
@@ -143,26 +142,24 @@ def test_a_rig_of_several_lidars(tmp_path):
     boxes = log.boxes.assign(timestamp_s=0.0)
     write_box_log(tmp_path / "log", BoxLog(boxes, frames, rigs={"a": recorded}))
     out = tmp_path / "rig.yaml"
-    result = run("fit", tmp_path / "0.parquet", "--rig", tmp_path / "log", "--out", out)
-    assert result.exit_code == 0, result.output
+    run("fit", tmp_path / "0.parquet", "--rig", tmp_path / "log", "--out", out)
     for each, (name, mount) in zip(read_mounts_yaml(out), rig.items(), strict=True):
         assert each.name == name
         assert each.mount.x == pytest.approx(mount.x)
         lidar = each.model.lidar()
         np.testing.assert_allclose(lidar.elevations, LIDAR.elevations, atol=1e-4)
-    assert run("fit", tmp_path / "0.parquet", "--rig", out).exit_code == 0
+    run("fit", tmp_path / "0.parquet", "--rig", out)
     moved = [in_ego(cloud, Mount(x=1.4, z=-0.3)) for cloud in clouds]
     pd.concat(moved).to_parquet(tmp_path / "axle.parquet")
     origin = ("--origin", -1.4, 0, 0.3)
-    assert run("fit", tmp_path / "axle.parquet", "--rig", out, *origin).exit_code == 0
+    run("fit", tmp_path / "axle.parquet", "--rig", out, *origin)
     for options, told in (
         ((), "2 LiDARs in one cloud"),
         (("--rig", out, "--mount", *"000000"), "leave --mount out"),
         (("--mount", 1, 0, 2, 5, 3, 40), "unknown LiDAR 1"),
         (("--rig", out, "--origin", -1.4, 0, 0.3), "found a start at (-0"),
     ):
-        wrong = run("fit", tmp_path / "0.parquet", *options)
-        assert wrong.exit_code == 2, wrong.output
+        wrong = run("fit", tmp_path / "0.parquet", *options, code=2)
         assert told in wrong.stderr
         assert wrong.stderr.count("\n") == 1
 
@@ -170,13 +167,12 @@ def test_a_rig_of_several_lidars(tmp_path):
 def test_rings_beyond_the_model(tmp_path):
     clouds = cloud_of(Lidar.even(20, (-20, 5), 400))
     clouds.to_parquet(tmp_path / "0.parquet")
-    wrong = run("fit", tmp_path / "0.parquet", "--like", "vlp16")
-    assert wrong.exit_code == 2
+    wrong = run("fit", tmp_path / "0.parquet", "--like", "vlp16", code=2)
     assert "expected 0 to 15, found 19" in wrong.stderr
-    assert run("fit", tmp_path, "--like", "mid40").exit_code == 2
-    assert run("fit", tmp_path / "none").exit_code == 2
+    run("fit", tmp_path, "--like", "mid40", code=2)
+    run("fit", tmp_path / "none", code=2)
     (tmp_path / "empty").mkdir()
-    assert "no clouds" in run("fit", tmp_path / "empty").stderr
+    assert "no clouds" in run("fit", tmp_path / "empty", code=2).stderr
 
 
 @pytest.mark.parametrize("name", FACTS["lidars"])

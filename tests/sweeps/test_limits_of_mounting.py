@@ -1,5 +1,7 @@
 """Searches and the studio apply the same limits of mounting, with the same excess."""
 
+from itertools import product
+
 import pytest
 import yaml
 from hypothesis import given, settings
@@ -27,15 +29,9 @@ COMMON = {
         "common_view": {"share": 0.6, "pairs": "all"},
     },
 }
-MOUNTS = st.fixed_dictionaries(
-    {
-        "x": st.sampled_from([-2.0, 0.0, 0.2, 1.2, 1.4, 3.5]),
-        "y": st.sampled_from([-0.9, 0.0, 1.0]),
-        "z": st.sampled_from([0.8, 1.4, 2.5]),
-        "roll_deg": st.sampled_from([0.0, -20.0]),
-        "pitch_deg": st.sampled_from([0.0, 20.0]),
-    }
-)
+AT = {"x": (-2.0, 0.0, 0.2, 1.2, 1.4, 3.5), "y": (-0.9, 0.0, 1.0), "z": (0.8, 1.4, 2.5)}
+PLACES = [dict(zip(AT, at, strict=True)) for at in product(*AT.values())]
+TURNS = [{"roll_deg": roll, "pitch_deg": pitch} for roll in (0.0, -20.0) for pitch in (0.0, 20.0)]
 
 
 @pytest.fixture(scope="module")
@@ -48,10 +44,21 @@ def both(tmp_path_factory):
 
 
 @given(
-    mounts=st.lists(MOUNTS, min_size=1, max_size=3, unique_by=lambda m: (m["x"], m["y"], m["z"]))
+    places=st.lists(st.sampled_from(PLACES), min_size=2, max_size=3, unique_by=str),
+    turns=st.tuples(*[st.sampled_from(TURNS)] * 3),
 )
-@settings(max_examples=20, derandomize=True, deadline=None)
-def test_search_and_studio_agree(both, mounts):
+@settings(max_examples=20, derandomize=True)
+def test_search_and_studio_agree(both, places, turns):
+    check(both, [place | turn for place, turn in zip(places, turns, strict=False)])
+
+
+@pytest.mark.parametrize("turn", [TURNS[0], TURNS[-1]])
+def test_they_agree_on_every_place(both, turn):
+    for place in PLACES:
+        check(both, [place | turn])
+
+
+def check(both, mounts):
     criteria, file = both
     rig = Rig.of_written("mine", {"mounts": mounts})
     in_studio = {}

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from sweeps.command_line import app
 from sweeps.configuration.grid import read_sweep
 from sweeps.results.origin import check_origin, record_origin
 from tests.refused import refused
 from tests.sweeps.small_log import TOWN
+from tests.sweeps.toy import call
 
 SWEEP = {"scene": TOWN, "ray": "debug", "detector": None, "grid": {"placement": ["line"]}}
 ROOT = Path(__file__).parents[2]
@@ -29,8 +29,7 @@ def first(tmp_path, monkeypatch):
 
 def test_another_file_of_the_same_name_is_refused_before_any_work(first):
     for options in ([], ["--dry-run"]):
-        result = CliRunner().invoke(app, ["run", "b/sweep.yaml", *options])
-        assert result.exit_code == 2
+        call(app, "run", "b/sweep.yaml", *options, code=2)
         line = (
             "runs/sweep: .*another file; expected a/sweep.yaml, found b/sweep.yaml; .* --set name="
         )

@@ -12,8 +12,10 @@ from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.clouds.collect import crop_for
 from sweeps.command_line import app
 from sweeps.configuration.grid import read_sweep
+from sweeps.plan import pretrained
 from sweeps.plan.plan import make_plan
 from sweeps.search.problem.problem import read_problem
+from sweeps.stages.task import plain
 from tests.mlflow_database import write_database
 from tests.refused import refused
 from tests.sweeps.small_log import write_small_log, write_sweep
@@ -29,7 +31,7 @@ TRAINED = {
     "classes": ["Car", "Cyclist", "Pedestrian"],
     "lidar": LIDAR,
     "surrogate": {"names": ["covered_entropy"], "resolution": 0.4},
-    "training": {"epochs": 8, "batch_size": 2},
+    "training": {"epochs": 4, "batch_size": 2},
     "grid": {"placement": ["center", "pyramid"], "lidar.azimuth_steps": [240, 480]},
 }
 ROI = Roi((0, 40), (-20, 20), (0, 4), 0.4)
@@ -207,3 +209,17 @@ def test_settings_of_a_training_decide_nothing_of_a_rig_that_is_not_trained_for(
 
     assert key() == key(rotation=0.1, epochs=3, lr=0.1)
     assert key() != key(score_threshold=0.2)
+
+
+def test_evaluations_on_a_gpu_have_other_keys(folder, monkeypatch):
+    def plan(present):
+        monkeypatch.setattr(pretrained, "has_card", lambda: present)
+        return make_plan(read_sweep(evaluated_sweep(folder)))
+
+    on_cpu, on_gpu = plan(False), plan(True)
+    stages = [task.stage for task in on_cpu.tasks if task.stage.name == "evaluate"]
+    assert stages
+    assert all("gpu" not in plain(stage) for stage in stages)
+    assert (on_cpu.gpu, on_gpu.gpu) == (False, True)
+    keys = [{task.key: task.stage.name for task in of.tasks} for of in (on_cpu, on_gpu)]
+    assert {name for key, name in keys[1].items() if key not in keys[0]} == {"evaluate"}

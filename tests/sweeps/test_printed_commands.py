@@ -9,7 +9,6 @@ from unittest.mock import patch
 
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from sweeps.command_line import app
 from tests.fuzz.lines import ACCEPTED, LINES
@@ -17,6 +16,7 @@ from tests.mlflow_database import write_database
 from tests.sweeps.search_files import SEARCH
 from tests.sweeps.small_log import SMALL, write_small_log
 from tests.sweeps.test_command_evaluator import TOY
+from tests.sweeps.toy import call
 
 SWEEP = SMALL | {"lidar": {"azimuth_steps": 90}, "detector": "pointpillars_tiny"}
 SWEEP |= {"surrogate": SMALL["surrogate"] | {"names": ["ig"]}}
@@ -54,8 +54,7 @@ def called(line: str, monkeypatch) -> str:
     with patch("lidarplace.studio.page.server.serving", side_effect=ACCEPTED):
         stops_at = LINES["dashboard"].stops_at
         with patch(stops_at, side_effect=ACCEPTED):
-            done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0, (line, done.output, done.exception)
+            done = call(app, *words)
     return done.output
 
 

@@ -52,7 +52,7 @@ def test_kendalls_width_is_that_of_its_distribution():
     low, high = np.arctanh(intervals(x, y[:, None], "kendall"))
     assert (low + high) / 2 == pytest.approx(np.arctanh(tau))
     error = np.sqrt(2 * (2 * 9 + 5) / (9 * 9 * 8))
-    assert (high - low) / 2 == pytest.approx(1.96 * error, rel=0.05)
+    assert (high - low) / 2 == pytest.approx(1.96 * error, rel=1e-3)
 
 
 @pytest.mark.parametrize("coefficient", COEFFICIENTS)

@@ -49,10 +49,11 @@ def assert_first_stage_and_proposals_are_openpcdets(data, model, first):
 def assert_head_is_openpcdets(model, data, output):
     """Raw outputs, decoded boxes, detections."""
     logits, boxes = model.dense_head.decode(output)
+    residuals, directions = model.dense_head.raw_boxes(output)
     selected = {
         "raw/dense_head/cls_preds": output.logits,
-        "raw/dense_head/box_preds": output.residuals,
-        "raw/dense_head/dir_cls_preds": output.directions,
+        "raw/dense_head/box_preds": residuals,
+        "raw/dense_head/dir_cls_preds": directions,
         "eval/dense_head/batch_cls_preds": logits,
         "eval/dense_head/batch_box_preds": boxes,
     }
@@ -61,7 +62,7 @@ def assert_head_is_openpcdets(model, data, output):
         scores = logits[frame].sigmoid()
         theirs = _rows(*(data[f"final_{frame}/pred_{name}"] for name in _COLUMNS))
         if len(np.unique(theirs[:, 7])) > len(theirs) / 2:
-            selected = select_boxes(logits[frame], boxes[frame], model.selection)
+            (selected,) = select_boxes(logits[frame, None], boxes[frame, None], model.selection)
             ours = _rows(*(selected[name].detach() for name in _COLUMNS))
             assert len(ours) == len(theirs)
         else:
@@ -85,7 +86,7 @@ def assert_training_is_openpcdets(model, data, output, tolerance):
     """Targets, losses, and norms of the gradients up to a relative `tolerance`."""
     boxes = torch.from_numpy(data["gt_boxes"])
     targets = model.dense_head.targets(boxes[..., :7], boxes[..., 7].long())
-    labels = torch.stack([item.labels for item in targets]).flatten()
+    labels = targets.labels.flatten()
     total, rows, values = (data[f"train/box_cls_labels/{n}"] for n in ("sum", "index", "value"))
     assert labels.sum() == total
     assert labels[torch.from_numpy(rows)].tolist() == values.tolist()

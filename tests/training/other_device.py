@@ -9,11 +9,13 @@ result. Row numbers on the CPU, which a GPU would copy for itself, are an error 
 
 import weakref
 from collections import Counter
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from unittest.mock import patch
 
+import numpy as np
 import torch
+import triton.language as tl
 from torch import Tensor
 from torch.utils._python_dispatch import return_and_correct_aliasing
 from torch.utils._pytree import tree_map_only
@@ -23,10 +25,34 @@ from torch.utils.backend_registration import (
 )
 from triton.runtime import interpreter
 
+from training.ops.gpu import sparse_conv, sparse_rules
+
 NAME = "other"
 _aten = torch.ops.aten
 _MOVES = (_aten._to_copy.default, _aten.copy_.default)
 """Operations that may have tensors of two devices."""
+
+
+WAITS: Counter[str] = Counter()
+"""Operations so far for whose results a GPU's host would wait, by name."""
+
+_OF_UNKNOWN_SIZE = frozenset(
+    [
+        *("_local_scalar_dense", "equal", "nonzero", "masked_select", "bincount"),
+        *("_unique2", "unique_dim", "unique_consecutive"),
+    ]
+)
+
+
+def _waits(operation, args, kwargs, moves: bool) -> bool:
+    name = operation.overloadpacket.__name__
+    if name.removesuffix("_") in ("index", "index_put"):
+        return any(item is not None and item.dtype == torch.bool for item in args[1])
+    if name == "repeat_interleave":
+        return kwargs.get("output_size") is None
+    if operation in _MOVES:
+        return moves and not (kwargs.get("non_blocking") or True in args[2:])
+    return name in _OF_UNKNOWN_SIZE
 
 
 class Memory(_DummyBackendModule):
@@ -108,10 +134,14 @@ class OtherTensor(Tensor):
         if options.get("device"):
             leaves = torch.device(options["device"]).type != NAME
             options["device"] = torch.device("cpu")
+        moves = leaves or any(isinstance(item, Tensor) and item.is_cpu for item in args)
+        if _waits(operation, args, kwargs, moves):
+            WAITS[operation.overloadpacket.__name__] += 1
         out = operation(*_held(operation, args), **options)
         return return_and_correct_aliasing(operation, args, kwargs, out if leaves else _other(out))
 
     def tolist(self):
+        WAITS["tolist"] += 1
         return self.held.tolist()
 
     def __reduce_ex__(self, protocol):
@@ -164,6 +194,8 @@ def _made(operation):
 
 def _copy_from(source: Tensor, target: Tensor, non_blocking: bool = False) -> Tensor:
     """`copy_` where torch looks past __torch_dispatch__, as torch.tensor does."""
+    if not non_blocking:
+        WAITS["copy"] += 1
     held, numbers = (getattr(item, "held", item) for item in (target, source))
     held.copy_(numbers)
     return target
@@ -219,6 +251,26 @@ def _registered() -> list[torch.library.Library]:
     return [aten, every]  # what is registered goes with them
 
 
+_BLOCKS = (
+    *((sparse_conv, "_ROWS", 4096), (sparse_conv, "_OUTPUTS", 64)),
+    *((sparse_conv, "_PORTION", 1 << 20), (sparse_rules, "_LANES", 8192)),
+)
+"""Blocks of kernels as large as the interpreter likes them."""
+
+
+_OPTIONS = interpreter.InterpreterOptions(sanitize_overflow=False)
+
+
+def _dot(self, a, b, total, input_precision, *options):
+    """The interpreter's product, which takes the bits of bfloat16 for integers."""
+    a, b = (
+        self.create_fp_ext(item, tl.float32) if item.dtype == tl.bfloat16 else item
+        for item in (a, b)
+    )
+    product = np.matmul(a.data, b.data, dtype=total.data.dtype)
+    return interpreter.TensorHandle(product + total.data, total.dtype.scalar)
+
+
 @contextmanager
 def other_device():
     """The device, while no thread but the caller's computes.
@@ -226,8 +278,14 @@ def other_device():
     Autograd has a thread for every device that torch knew when the process made its first step.
     """
     _registered()
-    held = patch.object(
-        interpreter, "_unwrap_tensor", lambda tensor: getattr(tensor, "held", tensor)
-    )
-    with held, torch.autograd.set_multithreading_enabled(False):
+    with ExitStack() as patches:
+        for place, name, value in (
+            (interpreter, "_unwrap_tensor", lambda tensor: getattr(tensor, "held", tensor)),
+            (interpreter.InterpreterBuilder, "create_dot", _dot),
+            # Without checks of every sum for overflow, which take half of the time.
+            (interpreter.interpreter_builder, "options", _OPTIONS),
+            *_BLOCKS,
+        ):
+            patches.enter_context(patch.object(place, name, value))
+        patches.enter_context(torch.autograd.set_multithreading_enabled(False))
         yield torch.device(NAME, 0)

@@ -134,6 +134,14 @@ def test_a_machine_without_a_gpu_is_no_problem(card, caplog, cause):
     assert not caplog.messages
 
 
+def test_nvml_counts_cards_that_cannot_be_used(card):
+    card.setattr("torch.cuda.device_count", lambda: 1)
+    assert device.gpu_count() == 1
+    device.gpu_problem.cache_clear()
+    card.setattr("torch.cuda.init", fail(RuntimeError(OLD_DRIVER)))
+    assert device.gpu_count() == 0
+
+
 def test_cards_and_drivers_by_files(tmp_path, monkeypatch):
     names = {"_PCI": tmp_path, "_DRIVER": tmp_path / "version", "_WSL": tmp_path / "dxg"}
     for name, path in names.items():

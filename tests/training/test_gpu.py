@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import torch
 
-from tests.training.other_device import MEMORY, other_device
+from tests.training.other_device import MEMORY, WAITS, other_device
 from tests.training.synthetic_scenes import scenes
 from tests.training.test_overfit import LIKE_ANOTHER
 from training import NETWORKS, build_detector
@@ -20,6 +20,7 @@ from training.dataset import TrainingFrames, as_tensors
 from training.detect import detect
 from training.detectors.detector import Selection
 from training.finetune import TrainingContext, finetune
+from training.ops.gpu import rotated_iou
 from training.optimisation import Optimisation
 from training.settings import TrainingSettings
 
@@ -39,9 +40,10 @@ def on_cpu():
 
 
 @pytest.fixture
-def other(monkeypatch):
+def other(monkeypatch, large_blocks):
     """The device that stands for a GPU; what a test changes of its memory is undone."""
     monkeypatch.setattr(MEMORY, "total", MEMORY.total)
+    monkeypatch.setattr(rotated_iou, "_ROWS", 256)  # a program takes milliseconds on a CPU
     with other_device() as place:
         run_on(place, monkeypatch)
         yield place
@@ -77,17 +79,22 @@ def some_frames(dtype=torch.float32):
 
 
 def untrained(network):
-    """A tiny network; few RoIs, as the GPU's searches are slow on a CPU."""
+    """A tiny network; few points and RoIs, as the GPU's searches are slow on a CPU."""
     torch.manual_seed(0)
     model = build_detector(network, ["Car"], preset="tiny")
     if hasattr(model, "roi_head"):
         settings = model.roi_head.settings
         train, test = (
             replace(settings.train, pre=256, post=64),
-            replace(settings.test, pre=256, post=16),
+            replace(settings.test, pre=256, post=8),
         )
-        sampling = replace(settings.sampling, rois=8)
+        sampling = replace(settings.sampling, rois=4)
         model.roi_head.settings = replace(settings, train=train, test=test, sampling=sampling)
+    if hasattr(model, "pfe"):
+        model.pfe.keypoints = 24
+    if hasattr(model, "points"):
+        model.points, model.backbone_3d.SA_modules.places = 512, (32, 8)
+        model.roi_head.SA_modules.places = (4,)
     return model
 
 
@@ -181,6 +188,21 @@ def test_mixed_precision(network, device):
     for frame in detected:
         assert len(frame["boxes"]) > 0
         assert all(torch.isfinite(value).all() for value in frame.values())
+
+
+@pytest.mark.parametrize(
+    ("network", "predicts", "trains"), [("pointrcnn", 1, 2), ("pv_rcnn", 73, 73)]
+)
+def test_the_host_waits_for_a_gpu_as_rarely_as_now(network, predicts, trains, other):
+    """Two frames; a change that needs fewer waits lowers the numbers."""
+    model = untrained(network).to(other)
+    WAITS.clear()
+    model.predict(some_frames()[0])
+    assert WAITS.total() <= predicts, WAITS
+    model.train()
+    WAITS.clear()
+    model.loss(*some_frames())["loss"].backward()
+    assert WAITS.total() <= trains, WAITS
 
 
 # Training

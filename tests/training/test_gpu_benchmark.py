@@ -43,7 +43,7 @@ def gpu(monkeypatch):
     networks = import_module("gpu_networks")
     monkeypatch.setattr(networks, "STEPS", 1)
     monkeypatch.setattr(networks, "WARM_UP", 0)
-    monkeypatch.setattr(command, "in_process", lambda measure, *values: measure(*values))
+    monkeypatch.setattr(command, "in_process", lambda _, measure, *values: measure(*values))
     return command
 
 
@@ -91,7 +91,7 @@ def test_a_section_that_fails_does_not_stop_the_next(gpu, tmp_path, monkeypatch)
     assert json.loads((tmp_path / "gpu.json").read_text())["rigs"] == rows
 
 
-def test_no_measurement_starts_when_the_time_is_over(gpu, tmp_path):
-    done = run(gpu, tmp_path, "--only=trainings", "--minutes=0")
+def test_no_measurement_begins_when_the_time_is_over(tmp_path):
+    done = run(import_module("gpu"), tmp_path, "--only=trainings", "--minutes=0")
     assert done.exit_code == 1
-    assert "TimeoutError: not run: 0 minutes are over" in done.output
+    assert "TimeoutError: not run: the time is over" in done.output

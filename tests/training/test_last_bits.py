@@ -18,8 +18,8 @@ from training.detectors.heads.pointrcnn_head import pool_points
 from training.detectors.heads.proposals import Proposals, Suppression
 from training.detectors.heads.roi_box_coder import roi_grid
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
-from training.ops.interpolation import _nearest_torch
-from training.ops.points_in_boxes import MARGIN, _first_box_numba, _first_box_torch
+from training.ops.interpolation import three_nn
+from training.ops.points_in_boxes import MARGIN, _first_box_numba, _first_box_triton
 
 ALL = Selection(score=0.1, nms=1.0, pre=10_000, post=10_000)
 """Whatever is likely enough, however much it overlaps."""
@@ -43,7 +43,10 @@ def one_stage_detections():
     places = model.dense_head.anchors.reshape(1, -1, 7)
     logits = torch.full((1, places.shape[1], 1), -20.0)
     logits[0, : len(border_logits()), 0] = border_logits()
-    raw = HeadOutput(logits, torch.zeros_like(places), torch.zeros(*places.shape[:2], 2))
+    head = model.dense_head
+    for layer in (head.conv_box, head.conv_dir_cls):
+        torch.nn.init.zeros_(layer.bias)
+    raw = HeadOutput(logits, torch.zeros(1, places.shape[1], head.conv_box.in_channels))
     model.head_output = lambda _: raw
     return model.predict([], ALL)[0]["boxes"][:, :2]
 
@@ -85,31 +88,28 @@ def boxes_and_points_on_their_sides():
 
 
 def box_of_points(search=_first_box_numba):
-    return search(*boxes_and_points_on_their_sides())
-
-
-def box_of_points_torch():
-    return box_of_points(_first_box_torch)
+    points, boxes = boxes_and_points_on_their_sides()
+    return search(points, [len(points)], [boxes])
 
 
 def pooled_points():
     points, boxes = boxes_and_points_on_their_sides()
-    return pool_points(points, points, boxes, 64, 0.0)[0].flatten(0, 1)
+    return pool_points(points, [len(points)], points, boxes[None], 64, 0.0)[0].flatten(0, 1)
 
 
 def places_in_rois():
     return roi_grid(boxes_and_points_on_their_sides()[1], 6)
 
 
-def nearest_torch():
-    grid = torch.cartesian_prod(*[torch.arange(5.0)] * 3)
-    return _nearest_torch(grid + 0.5, grid, 3)[1]
+def three_nearest():
+    grid, counts = torch.cartesian_prod(*[torch.arange(5.0)] * 3), torch.tensor([125])
+    return three_nn(grid + 0.5, counts, grid, counts)[1]
 
 
 @pytest.mark.parametrize(
     "decide",
-    [one_stage_detections, two_stage_detections, far_points, box_of_points, box_of_points_torch,
-     pooled_points, places_in_rois, nearest_torch],
+    [one_stage_detections, two_stage_detections, far_points, box_of_points, pooled_points,
+     places_in_rois, three_nearest],
 )  # fmt: skip
 def test_decisions_do_not_depend_on_last_bits(decide):
     expected = decide()
@@ -120,7 +120,7 @@ def test_decisions_do_not_depend_on_last_bits(decide):
 
 
 def test_both_paths_decide_alike_on_the_border():
-    assert torch.equal(box_of_points(), box_of_points_torch())
+    assert torch.equal(box_of_points(), box_of_points(_first_box_triton))
 
 
 def test_scores_fall_with_their_logits():

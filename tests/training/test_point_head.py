@@ -8,7 +8,7 @@ import torch
 from training.detectors.heads.point_head import (
     PointHeadBox,
     PointOutput,
-    Targets,
+    PointTargets,
     decode_points,
     encode_points,
     point_targets,
@@ -29,10 +29,11 @@ def test_points_take_the_object_around_them():
     xyz = torch.tensor([x, y, [1.0, 1.9, 1.0, 1.0, 1.9, 1.9, 1.9, 1.0]]).T
     boxes = [torch.tensor([car]), torch.zeros(0, 7), torch.tensor([[50.0, *car[1:]], turned])]
     labels = [torch.tensor([2]), torch.zeros(0, dtype=torch.int64), torch.tensor([1, 3])]
-    targets = point_targets(xyz, torch.tensor([4, 1, 3]), boxes, labels)
+    targets = point_targets(xyz, [4, 1, 3], boxes, labels)
     assert targets.labels.tolist() == [2, 2, -1, 0, 0, 0, 3, -1]
-    assert targets.positive.tolist() == [0, 1, 6]
-    torch.testing.assert_close(targets.boxes, torch.tensor([car, car, turned]))
+    nothing = [0.0] * 7
+    expected = [car, car, nothing, nothing, nothing, nothing, turned, nothing]
+    assert torch.equal(targets.boxes, torch.tensor(expected))
 
 
 def test_encoding_and_decoding_are_inverse():
@@ -69,8 +70,10 @@ def test_segmentation_loss_by_hand():
 
 def test_box_loss_by_hand():
     head = PointHeadBox(4, (8,), SIZES, either_way=False)
-    boxes = torch.tensor([[0.0, 0.0, 0.0, 3.9, 1.6, 1.56, 0.0], [1.0, 0.0, 0.0, 0.8, 0.6, 1.73, 0]])
-    targets = Targets(torch.tensor([1, 0, 2]), torch.tensor([0, 2]), boxes)
+    boxes = torch.tensor(
+        [[0.0, 0.0, 0.0, 3.9, 1.6, 1.56, 0.0], [0.0] * 7, [1.0, 0.0, 0.0, 0.8, 0.6, 1.73, 0]]
+    )
+    targets = PointTargets(torch.tensor([1, 0, 2]), boxes)
     xyz = torch.zeros(3, 3)
     residuals = torch.zeros(3, 8)
     residuals[[0, 2], 6] = 1.0  # yaw 0
@@ -95,7 +98,7 @@ def test_boxes_have_the_size_of_the_likeliest_class():
 def test_a_box_may_point_backwards(either_way):
     head = PointHeadBox(4, (8,), SIZES, either_way)
     box = torch.tensor([[0.0, 0.0, 0.0, *SIZES[0], math.pi / 4]])
-    targets = Targets(torch.tensor([1]), torch.tensor([0]), box)
+    targets = PointTargets(torch.tensor([1]), box)
     residuals = encode_points(box, torch.zeros(1, 3), torch.tensor(SIZES[:1]))
     residuals[:, 6:] *= -1
     losses = head.loss(PointOutput(torch.zeros(1, 2), residuals), targets, torch.zeros(1, 3))

@@ -24,8 +24,8 @@ from training.detectors.backbones.pillars import (
     scatter,
 )
 from training.detectors.detector import Selection
-from training.detectors.heads.anchor_head import HeadOutput
-from training.detectors.heads.anchors import AnchorClass, anchor_grid, assign_targets
+from training.detectors.heads.anchor_targets import _assign_triton, anchor_rules, assign_targets
+from training.detectors.heads.anchors import AnchorClass, anchor_grid
 from training.detectors.heads.box_coder import decode, encode
 from training.detectors.heads.selection import select_boxes
 
@@ -120,17 +120,20 @@ def test_the_image_in_one_pass_is_that_of_the_modules(limits, dtype, training):
 def test_few_anchors_decoded_are_those_of_all():
     torch.manual_seed(0)
     head = build_detector("pointpillars_tiny", ["Car", "Cyclist"]).dense_head
-    count = len(head.anchors.reshape(-1, 7))
-    output = HeadOutput(*(torch.randn(3, count, columns) for columns in (2, 7, 2)))
-    output.logits[1] = -9.0
-    output.logits[2, :5] = math.nan
-    all_logits, all_boxes = head.decode(output)
-    for lowest in (-math.inf, 0.0, 2.5):
-        likely = zip(head.decode_likely(output, lowest), all_logits, all_boxes, strict=True)
-        for (logits, boxes), frame_logits, frame_boxes in likely:
+    with torch.no_grad():
+        output = head(torch.randn(3, head.conv_cls.in_channels, *head.anchors.shape[:2]))
+        output.logits.normal_()
+        output.logits[1] = -9.0
+        output.logits[2, :5] = math.nan
+        all_logits, all_boxes = head.decode(output)
+    for lowest in (-math.inf, 0.0, 2.5, 99.0):
+        few = zip(*head.decode_likely(output, lowest), all_logits, all_boxes, strict=True)
+        for logits, boxes, frame_logits, frame_boxes in few:
             likely = (frame_logits >= lowest).any(dim=1)
-            assert torch.equal(logits, frame_logits[likely])
-            torch.testing.assert_close(boxes, frame_boxes[likely])
+            count = likely.sum()
+            assert torch.equal(logits[:count], frame_logits[likely])
+            assert (logits[count:] == -math.inf).all()
+            torch.testing.assert_close(boxes[:count], frame_boxes[likely])
 
 
 def test_padded_batch_norm_is_batch_norm_with_the_zeros():
@@ -161,6 +164,16 @@ def edges_of(boxes):
     return boxes[:, 0] - x, boxes[:, 1] - y, boxes[:, 0] + x, boxes[:, 1] + y
 
 
+def assign(anchors, classes, boxes, labels):
+    """Assign on a CPU; checks that a GPU gives every anchor the same object."""
+    rules = anchor_rules(classes)
+    targets = assign_targets(anchors, rules, boxes, labels)
+    other = _assign_triton(anchors, rules, boxes, labels)
+    assert torch.equal(other.labels, targets.labels)
+    assert torch.equal(other.boxes[targets.index], targets.boxes)
+    return targets
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_targets_are_those_of_all_pairs(seed):
     random = np.random.default_rng(seed)
@@ -171,9 +184,11 @@ def test_targets_are_those_of_all_pairs(seed):
     yaw = random.uniform(-4, 4, (14, 1))
     boxes = torch.tensor(np.hstack([where, size * random.uniform(0.5, 1.5, (14, 3)), yaw])).float()
     labels = torch.tensor([1] * 8 + [2] * 6)
-    targets = assign_targets(anchors, classes, boxes, labels)
-    background = assign_targets(anchors, classes, boxes[:0], labels[:0])
-    assert len(background.positive) == background.labels.count_nonzero() == 0
+    targets = assign(anchors, classes, [boxes, boxes[:0]], [labels, labels[:0]])
+    assert targets.labels[1].count_nonzero() == targets.index[0].count_nonzero() == 0
+    empty = assign(anchors, classes, [boxes[:0]], [labels[:0]])
+    assert torch.equal(empty.labels[0], targets.labels[1])
+    assert empty.boxes.shape == (0, 7)
     expected = torch.full(anchors.shape[:3], -1)
     chosen = torch.zeros(anchors.shape[:3], dtype=torch.int64)
     for label, item in enumerate(classes, 1):
@@ -192,10 +207,26 @@ def test_targets_are_those_of_all_pairs(seed):
         view[(best < item.unmatched).view(view.shape)] = 0
         view[(forced | (best >= item.matched)).view(view.shape)] = label
         chosen[:, :, part] = of_class[target].view(view.shape)
-    assert torch.equal(targets.labels, expected.flatten())
-    assert torch.equal(targets.positive, torch.nonzero(expected.flatten() > 0).flatten())
-    assert len(targets.positive) > 14
-    assert torch.equal(targets.boxes, boxes[chosen.flatten()[targets.positive]])
+    assert torch.equal(targets.labels[0], expected.flatten())
+    positive = targets.index[1]
+    assert torch.equal(positive, torch.nonzero(expected.flatten() > 0).flatten())
+    assert len(positive) > 14
+    assert torch.equal(targets.boxes, boxes[chosen.flatten()[positive]])
+
+
+def test_tied_targets():
+    """Equal objects, anchors that an object overlaps equally, objects on edges and outside."""
+    classes = [AnchorClass((2.0, 2.0, 1.5), 0.0, 0.6, 0.3, rotations=(0.0, math.pi / 2))]
+    anchors = anchor_grid(classes, (0.0, 0.0, 0.0, 8.0, 8.0, 2.0), (8, 8), centred=True)
+    between, large = [3.0, 3.0, 1, 2, 2, 1, 0], [4.0, 4.0, 1, 6, 6, 1, 0]
+    outside, flat = [-9.0, 0, 1, 2, 2, 1, 0], [1.0, 1.0, 1, 0, 2, 1, 0]
+    boxes = torch.tensor([between, between, large, outside, flat])
+    targets = assign(anchors, classes, [boxes], [torch.ones(5, dtype=torch.int64)])
+    # Four anchors around the first, 16 in the third that overlap it alike; either rotation.
+    assert (targets.labels == 1).sum() == 2 * 16
+    near = (anchors.reshape(-1, 7)[targets.index[1], :2] - 3).abs().amax(dim=1) < 1
+    assert torch.equal(targets.boxes[near], boxes[:1].expand(8, 7))
+    assert torch.equal(targets.boxes[~near], boxes[2:3].expand(24, 7))
 
 
 @pytest.mark.usefixtures("last_bits")
@@ -204,7 +235,7 @@ def test_selection():
     boxes[:, 3:6] = 2.0
     boxes[:, 0] = torch.tensor([0.0, 0.5, 10.0, 20.0])
     scores = torch.tensor([[0.3, 0.2], [0.1, 0.6], [0.5, 0.4], [0.05, 0.04]])
-    selected = select_boxes(scores.logit(), boxes, Selection(score=0.1, nms=0.01))
+    (selected,) = select_boxes(scores.logit()[None], boxes[None], Selection(score=0.1, nms=0.01))
     assert selected["labels"].tolist() == [2, 1]
     assert selected["scores"].tolist() == pytest.approx([0.6, 0.5])
     assert selected["boxes"][:, 0].tolist() == [0.5, 10.0]

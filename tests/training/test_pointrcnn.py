@@ -90,7 +90,7 @@ def test_pooled_points_are_in_the_frame_of_their_proposal():
     head = build_detector("pointrcnn", CLASSES).roi_head
     xyz = torch.tensor([[10.0, 6.0, 1.0], [50.0, 0.0, 0.0], [9.5, 5.0, 0.5], [0.0, 0.0, 0.0]])
     scored = ScoredPoints(
-        xyz, torch.tensor([3, 1]), torch.arange(8.0).view(4, 2), torch.tensor([0.1, 0.2, 0.3, 0.4])
+        xyz, [3, 1], torch.arange(8.0).view(4, 2), torch.tensor([0.1, 0.2, 0.3, 0.4])
     )
     rois = torch.tensor([[10.0, 5.0, 1.0, 4.0, 2.0, 2.0, math.pi / 2], [30, 0, 0, 4, 2, 2, 0]])
     pooled = head.pool(torch.stack([rois, rois]), scored)

@@ -13,19 +13,29 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from training.detectors.heads.pointrcnn_head import pool_points as pool
-from training.ops import grouping
-from training.ops.points_in_boxes import _first_box_numba, _first_box_torch, box_of_points
+from training.ops import points_in_boxes
+from training.ops.points_in_boxes import (
+    _first_box_numba,
+    _first_box_triton,
+    _first_points_numba,
+    _first_points_triton,
+    box_of_points,
+)
 
 DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
 POINTS = torch.from_numpy(DATA["points"])
-FIRST_BOX = (_first_box_numba, _first_box_torch)
+FIRST_BOX = (_first_box_numba, _first_box_triton)
+FIRST_POINTS = (_first_points_numba, _first_points_triton)
 
 
-@pytest.fixture(params=[True, False], ids=["whole", "chunked"])
-def _chunks(request, monkeypatch):
-    """The torch paths once as they are, once in many small pieces."""
-    if not request.param:
-        monkeypatch.setattr(grouping, "CHUNK", 5000)
+@pytest.fixture(params=FIRST_POINTS)
+def _both_paths(request, monkeypatch):
+    """Pooling with the kernel for CPUs, and with the one for GPUs."""
+    monkeypatch.setattr(points_in_boxes, "_first_points_numba", request.param)
+
+
+def pool_in_frame(points, features, boxes, samples, extra):
+    return pool(points, [len(points)], features, boxes[None], samples, extra)
 
 
 def inside(points, boxes):
@@ -39,22 +49,22 @@ def inside(points, boxes):
     return outside < 0, abs(outside) > 1e-4
 
 
-@pytest.mark.usefixtures("last_bits", "_chunks")
+@pytest.mark.usefixtures("last_bits", "large_blocks")
 @pytest.mark.parametrize("search", FIRST_BOX)
 def test_box_of_points_agrees_with_openpcdet(search):
-    first = search(POINTS, torch.from_numpy(DATA["pib_boxes"]))
+    first = search(POINTS, [len(POINTS)], [torch.from_numpy(DATA["pib_boxes"])])
     assert torch.equal(first, torch.from_numpy(DATA["pib_box"].astype(np.int64)))
     assert len(first.unique()) > 5
 
 
-@pytest.mark.usefixtures("last_bits", "_chunks")
+@pytest.mark.usefixtures("last_bits", "large_blocks", "_both_paths")
 def test_pooling_agrees_with_openpcdet():
     boxes = torch.from_numpy(DATA["roi_boxes"])
-    pooled, empty = pool(POINTS, torch.from_numpy(DATA["roi_features"]), boxes, 64, 0.0)
+    pooled, empty = pool_in_frame(POINTS, torch.from_numpy(DATA["roi_features"]), boxes, 64, 0.0)
     assert torch.equal(pooled, torch.from_numpy(DATA["roi_pooled"]))
     assert torch.equal(empty, torch.from_numpy(DATA["roi_empty"]))
     sums = torch.from_numpy(DATA["roi1_feature_sum"])[:, None]
-    pooled, empty = pool(POINTS, sums, boxes, 64, 1.0)
+    pooled, empty = pool_in_frame(POINTS, sums, boxes, 64, 1.0)
     assert pooled.sum(dim=2).numpy() == pytest.approx(DATA["roi1_xyz_and_feature_sum"], abs=1e-5)
     assert torch.equal(empty, torch.from_numpy(DATA["roi1_empty"]))
 
@@ -73,10 +83,12 @@ def test_against_complex_numbers(seed, count, boxes, samples):
     points, within = points[clear.all(axis=0)], within[:, clear.all(axis=0)]
     expected = np.where(within.any(axis=0), within.argmax(axis=0), -1) if boxes else None
     for search in FIRST_BOX:
-        first = search(torch.from_numpy(points), torch.from_numpy(rois))
+        first = search(torch.from_numpy(points), [len(points)], [torch.from_numpy(rois)])
         assert first.tolist() == ([-1] * len(points) if expected is None else expected.tolist())
     rows = torch.arange(len(points), dtype=torch.float32)[:, None]
-    pooled, empty = pool(torch.from_numpy(points), rows, torch.from_numpy(rois), samples, 0.0)
+    pooled, empty = pool_in_frame(
+        torch.from_numpy(points), rows, torch.from_numpy(rois), samples, 0.0
+    )
     assert empty.tolist() == (~within.any(axis=1)).tolist()
     for pooled_rows, hits in zip(pooled[:, :, 3].tolist(), within, strict=True):
         rows = np.flatnonzero(hits)[:samples]
@@ -92,21 +104,21 @@ def test_borders(search):
         [[1.0, 4.0, 3.0], [1.0, 4.001, 3.0], [2.0, 2.0, 3.5], [2.001, 2.0, 3.0], [1.0, 2.0, 3.501],
          [1.0, 2.0, 7.6]]
     )  # fmt: skip
-    assert search(points, box).tolist() == [0, 1, 0, 1, 1, -1]
+    assert search(points, [6], [box]).tolist() == [0, 1, 0, 1, 1, -1]
 
 
 def test_nothing_to_look_at():
     some, none, features = torch.zeros(4, 3), torch.zeros(0, 3), torch.ones(4, 2)
     box = torch.tensor([[0.0, 0, 0, 1, 1, 1, 0], [5.0, 0, 0, 1, 1, 1, 0]])
-    assert box_of_points(none, box).tolist() == []
-    assert box_of_points(some, box[:0]).tolist() == [-1] * 4
-    assert box_of_points(some, box.double()).tolist() == [0] * 4
-    pooled, empty = pool(none, features[:0], box, 3, 0.2)
+    assert box_of_points(none, [0], [box]).tolist() == []
+    assert box_of_points(some, [4], [box[:0]]).tolist() == [-1] * 4
+    assert box_of_points(some, [4], [box.double()]).tolist() == [0] * 4
+    pooled, empty = pool_in_frame(none, features[:0], box, 3, 0.2)
     assert torch.equal(pooled, torch.zeros(2, 3, 5))
     assert empty.all()
-    pooled, empty = pool(some, features, box[:0], 3, 0.2)
+    pooled, empty = pool_in_frame(some, features, box[:0], 3, 0.2)
     assert pooled.shape == (0, 3, 5)
-    pooled, empty = pool(some, features, box, 6, 0.2)
+    pooled, empty = pool_in_frame(some, features, box, 6, 0.2)
     assert torch.equal(pooled[0], torch.tensor([0.0, 0, 0, 1, 1]).expand(6, 5))
     assert torch.equal(pooled[1], torch.zeros(6, 5))
     assert empty.tolist() == [False, True]
@@ -120,9 +132,11 @@ def test_pooling_keeps_boxes_and_passes_gradients():
     )
     before = boxes.clone()
     features = torch.from_numpy(random.normal(size=(30, 2))).requires_grad_()
-    assert torch.autograd.gradcheck(lambda rows: pool(points, rows, boxes, 5, 0.5)[0], (features,))
+    assert torch.autograd.gradcheck(
+        lambda rows: pool_in_frame(points, rows, boxes, 5, 0.5)[0], (features,)
+    )
     assert torch.equal(boxes, before)
-    half = pool(points.float(), features.detach().bfloat16(), boxes, 5, 0.5)[0]
+    half = pool_in_frame(points.float(), features.detach().bfloat16(), boxes, 5, 0.5)[0]
     assert torch.equal(
-        half[..., :3], pool(points.float(), features, boxes, 5, 0.5)[0][..., :3].float()
+        half[..., :3], pool_in_frame(points.float(), features, boxes, 5, 0.5)[0][..., :3].float()
     )

@@ -86,7 +86,7 @@ def test_keypoints_are_openpcdets(openpcdet):
         order = in_openpcdets_order(order, padding, first.scales[name].shape)
         scales[name] = in_order(first.scales[name], order)
     keypoints = model.pfe(points(DATA), scales, first.bev)
-    frame = torch.repeat_interleave(keypoints.counts)[:, None]
+    frame = torch.repeat_interleave(torch.tensor(keypoints.counts))[:, None]
     places = torch.cat([frame, keypoints.xyz], dim=1)
     assert worst_error(DATA, "eval/pfe/point_coords", places) == 0
     logits = model.point_head(keypoints.sources)
@@ -109,7 +109,7 @@ def head_and_keypoints():
         torch.nn.init.normal_(branch[-1].weight)
     xyz = torch.rand(70, 3).double() * torch.tensor([6.0, 6.0, 2.0])
     features = torch.randn(70, 4).double()
-    return head, Keypoints(xyz, torch.tensor([30, 40]), features, features)
+    return head, Keypoints(xyz, [30, 40], features, features)
 
 
 def rois():

@@ -48,7 +48,10 @@ def test_proposals_by_hand():
     boxes = cubes([0.0, 0.1, 10.0, 20.0, 30.0])
     boxes[4, 6] = torch.inf
     logits = torch.tensor([[1.0, -9], [-9, 2], [-5, -6], [3, -9], [9, 9]])
-    proposals = propose([logits, logits[2:3]], [boxes, boxes[2:3]], Suppression(0.5, pre=3, post=4))
+    one_logits, one_box = (torch.full_like(part, torch.nan) for part in (logits, boxes))
+    one_logits[3], one_box[3] = logits[2], boxes[2]
+    pairs = torch.stack([logits, one_logits]), torch.stack([boxes, one_box])
+    proposals = propose(*pairs, Suppression(0.5, pre=3, post=4))
     assert proposals.boxes.shape == (2, 4, 7)
     # The box that is not finite is none; 0 is hidden by 1; pre leaves 3, 1 and 0.
     assert proposals.boxes[0, :, 0].tolist() == pytest.approx([20, 0.1, 0, 0])
@@ -56,7 +59,7 @@ def test_proposals_by_hand():
     assert proposals.labels.tolist() == [[1, 2, 1, 1], [1, 1, 1, 1]]
     assert (proposals.boxes[0, 2:] == 0).all()
     assert proposals.labels.dtype == torch.int64
-    proposals = propose([torch.zeros(0, 3)], [torch.zeros(0, 7)], Suppression(0.5, 10, 4))
+    proposals = propose(torch.zeros(1, 0, 3), torch.zeros(1, 0, 7), Suppression(0.5, 10, 4))
     assert torch.equal(proposals.boxes, torch.zeros(1, 4, 7))
 
 
@@ -101,7 +104,7 @@ def test_sample_has_the_objects_and_shares_of_the_settings():
     sampling = RoiSampling(rois=64)
     sample = sample_rois(proposals_of(rois, labels), [objects], [object_labels], sampling)
     assert sample.rois.boxes.shape == (1, 64, 7)
-    iou = iou_3d(sample.rois.boxes[0], objects)
+    iou = iou_3d(sample.rois.boxes, objects[None])[0]
     iou = iou * (sample.rois.labels[0][:, None] == object_labels)
     best, row = iou.max(dim=1)
     torch.testing.assert_close(sample.boxes[0][best > 0], objects[row[best > 0]])

@@ -100,7 +100,12 @@ class Detector(nn.Module, ABC):
         if unknown:
             wanted = f"1 to {len(self.classes)}"
             raise InputError(key="labels", expected=wanted, found=sorted(unknown))
-        return [item.to(self.device) for item in boxes], [item.to(self.device) for item in labels]
+        counts = [len(item) for item in labels]
+        moved_boxes, moved_labels = (
+            torch.cat(list(part)).to(self.device, non_blocking=True).split(counts)
+            for part in (boxes, labels)
+        )
+        return list(moved_boxes), list(moved_labels)
 
     @abstractmethod
     def loss(

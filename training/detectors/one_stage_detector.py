@@ -31,4 +31,4 @@ class OneStageDetector(Detector):
         self.eval()
         selection = selection or self.selection
         likely = self.dense_head.decode_likely(self.head_output(points), logit(selection.score))
-        return [select_boxes(logits, boxes, selection) for logits, boxes in likely]
+        return select_boxes(*likely, selection)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from training.detectors.backbones.point_sampling import sample_points, within
 from training.detectors.backbones.pointnet2 import AbstractionSettings, PointNet2, PointNet2Settings
@@ -122,8 +123,8 @@ class PointRCNN(Detector):
         """Features and raw outputs of the points that are chosen from frames (N, 4)."""
         inside = (within(frame, self.point_range) for frame in frames)
         chosen = [sample_points(frame, self.points, self.training) for frame in inside]
-        counts = torch.tensor([len(frame) for frame in chosen], device=self.device)
-        points = torch.cat(chosen).to(self.point_head.sizes)
+        counts = [len(frame) for frame in chosen]
+        points = torch.cat(chosen).to(self.point_head.sizes, non_blocking=True)
         xyz = points[:, :3].contiguous()
         features = self.backbone_3d(xyz, counts, points[:, 3:])
         output = self.point_head(features)
@@ -132,9 +133,10 @@ class PointRCNN(Detector):
 
     def propose(self, points: ScoredPoints, output: PointOutput) -> Proposals:
         """Propose the best boxes of the points of each frame."""
-        counts = points.counts.tolist()
-        boxes = self.point_head.decode(output, points.xyz)
-        return self.roi_head.propose(output.logits.split(counts), boxes.split(counts))
+        parts = output.logits, self.point_head.decode(output, points.xyz)
+        # A box of what fills up is not finite, and no proposal.
+        padded = (pad_sequence(part.split(points.counts), True, torch.nan) for part in parts)
+        return self.roi_head.propose(*padded)
 
     def loss(self, points: Rows, boxes: Rows, labels: Rows) -> dict[str, Tensor]:
         """Compute "loss" and its parts point_cls, point_box, rcnn_cls, rcnn_reg, rcnn_corner."""

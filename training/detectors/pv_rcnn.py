@@ -109,7 +109,8 @@ class PvRcnn(TwoStageVoxelDetector):
 
     def between(self, points: Sequence[Tensor], first: FirstStage) -> ScoredKeypoints:
         """Keypoints of frames of points (N, 4), and whether they lie on objects."""
-        inside = [within(frame.to(self.device), self.point_range) for frame in points]
+        moved = (frame.to(self.device, non_blocking=True) for frame in points)
+        inside = [within(frame, self.point_range) for frame in moved]
         scales = {name: mixed(voxels) for name, voxels in first.scales.items()}
         keypoints = self.pfe(inside, scales, first.bev)
         return keypoints, self.point_head(keypoints.sources)

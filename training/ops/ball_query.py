@@ -1,6 +1,5 @@
 """Ball query: neighbours within a radius."""
 
-from bisect import bisect_left
 from typing import NamedTuple
 
 import numpy as np
@@ -9,8 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import inner, njit
-from training.ops import grouping
-from training.ops.grouping import counting_sort, first_hits, padded_with_first
+from training.ops.grouping import counting_sort
 
 
 def ball_query(
@@ -21,7 +19,7 @@ def ball_query(
     Points `xyz` (N, 3) and `new_xyz` (M, 3) are finite, frame after frame, `counts` and
     `new_counts` (B,) of them. Returns rows of `xyz`, (M, S) int64; the first repeats where there
     are fewer, all are 0 where there is none. And which new points have no neighbour, (M,) bool."""
-    search = _query_numba if xyz.is_cpu else _query_torch
+    search = _query_numba if xyz.is_cpu else _query_triton
     return search(radius, samples, xyz.detach(), counts, new_xyz.detach(), new_counts)
 
 
@@ -114,28 +112,8 @@ def _query_numba(radius, samples, xyz, counts, new_xyz, new_counts) -> tuple[Ten
     return torch.from_numpy(idx), torch.from_numpy(empty)
 
 
-def _query_torch(radius, samples, xyz, counts, new_xyz, new_counts) -> tuple[Tensor, Tensor]:
-    """Search for new points of all frames in blocks, each among the points of its frame.
+def _query_triton(radius, samples, xyz, counts, new_xyz, new_counts) -> tuple[Tensor, Tensor]:
+    from training.ops.gpu.neighbours import balls
 
-    The frames in a block are of similar size, so that padding at most doubles the work."""
-    idx = torch.zeros(len(new_xyz), samples, dtype=torch.int64, device=xyz.device)
-    empty = torch.ones(len(new_xyz), dtype=torch.bool, device=xyz.device)
-    squared = torch.tensor(radius, dtype=xyz.dtype, device=xyz.device).square()
-    frames = torch.repeat_interleave(new_counts, output_size=len(new_xyz))
-    sizes, order = counts[frames].sort(stable=True)
-    starts = (counts.cumsum(0) - counts)[frames[order]]
-    rising = sizes.tolist()
-    high = len(rising)
-    while high and rising[high - 1]:
-        width = rising[high - 1]
-        low = max(high - max(1, grouping.CHUNK // width), bisect_left(rising, (width + 1) // 2))
-        columns, block = torch.arange(width, device=xyz.device), order[low:high]
-        rows = (starts[low:high, None] + columns).clamp_max_(len(xyz) - 1)
-        dx, dy, dz = (new_xyz[block, axis, None] - xyz[:, axis][rows] for axis in range(3))
-        near = dx * dx + dy * dy + dz * dz < squared
-        hits, hit_counts = first_hits(near & (columns < sizes[low:high, None]), samples)
-        neighbours = starts[low:high, None] + padded_with_first(hits, hit_counts)
-        empty[block] = hit_counts == 0
-        idx[block] = torch.where(hit_counts[:, None] > 0, neighbours, 0)
-        high = low
-    return idx, empty
+    squared = torch.tensor(radius, dtype=xyz.dtype).square().item()
+    return balls(squared, samples, xyz, counts, new_xyz, new_counts)

@@ -1,6 +1,6 @@
-"""Parts of the searches: portions, order by key, the first hits of each place, their features."""
+"""Parts of the searches: numbers of rows, order by key, features of the chosen rows."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 
 import numpy as np
 import torch
@@ -9,13 +9,10 @@ from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
 
-CHUNK = 1 << 24  # pairs that the torch paths hold at once
 
-
-def chunks(rows: int, pairs: int) -> Iterator[slice]:
-    """Cut `rows`, each of which has `pairs` pairs, into portions of at most CHUNK pairs."""
-    step = max(1, CHUNK // max(1, pairs))
-    return (slice(low, low + step) for low in range(0, rows, step))
+def stacked_counts(counts: Iterable[int], device: torch.device) -> Tensor:
+    """Copy the numbers of rows of stacked frames to a device, (B,) int64, without waiting."""
+    return torch.tensor([*counts], dtype=torch.int64).to(device, non_blocking=True)
 
 
 @njit(cache=True)
@@ -43,22 +40,3 @@ def group(features: Tensor, idx: Tensor) -> Tensor:
     if len(features) == 0:
         return features.new_zeros(*idx.shape, features.shape[1])
     return features.index_select(0, idx.flatten()).view(*idx.shape, features.shape[1])
-
-
-def first_hits(mask: Tensor, samples: int) -> tuple[Tensor, Tensor]:
-    """Find the columns of the first `samples` true entries of each row of `mask` (M, N).
-
-    Returns (M, samples) int64, of which row i has `counts[i]` columns in rising order, then 0, and
-    counts (M,) int64, at most `samples`."""
-    # No nonzero(): a GPU's host would have to wait for the number of hits.
-    wanted = torch.arange(1, samples + 1, dtype=torch.int32, device=mask.device)
-    wanted = wanted.repeat(len(mask), 1)
-    idx = torch.searchsorted(mask.cumsum(dim=1, dtype=torch.int32), wanted)
-    counts = mask.sum(dim=1).clamp_max(samples)
-    return torch.where(wanted <= counts[:, None], idx, 0), counts
-
-
-def padded_with_first(idx: Tensor, counts: Tensor) -> Tensor:
-    """Repeat the first column of `idx` (M, S) of `first_hits` behind the `counts` (M,) hits."""
-    hit = torch.arange(idx.shape[1], device=idx.device) < counts[:, None]
-    return torch.where(hit, idx, idx[:, :1])

@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
-from training.ops.grouping import chunks, group
+from training.ops.grouping import group
 
 
 def three_nn(
@@ -16,21 +16,8 @@ def three_nn(
     Points (M, 3) and places (N, 3) are finite, frame after frame, `counts` and `place_counts` (B,)
     of them. Returns distances, (M, 3), metres, and rows of `places`, (M, 3) int64. A frame with
     fewer than three places fills up with distance infinity and row 0."""
-    search = _nearest_numba if points.is_cpu else _nearest_torch
-    distances = torch.full_like(points.detach(), torch.inf)
-    idx = torch.zeros(points.shape, dtype=torch.int64, device=points.device)
-    start = place_start = 0
-    for count, place_count in zip(counts.tolist(), place_counts.tolist(), strict=True):
-        frame = slice(start, start + count)
-        frame_places = slice(place_start, place_start + place_count)
-        if count and place_count:
-            near = min(3, place_count)
-            distances[frame, :near], rows = search(
-                points.detach()[frame], places.detach()[frame_places], near
-            )
-            idx[frame, :near] = place_start + rows
-        start, place_start = frame.stop, frame_places.stop
-    return distances, idx
+    search = _nearest_numba if points.is_cpu else _nearest_triton
+    return search(points.detach(), counts, places.detach(), place_counts)
 
 
 @njit(cache=True)
@@ -38,9 +25,8 @@ def _nearest_kernel(points, places, axis, order, starts, distances, idx):
     """Search outwards along `axis`, in which `order` sorts `places`, until it alone is too far.
 
     The search for a point begins at its place `starts` in that order. Of equally near places the
-    lowest rows count, as upstream."""
-    near, along = distances.shape[1], places[:, axis][order]
-    distances[:] = np.inf
+    lowest rows count, as upstream. `distances` are squared, and infinite before."""
+    near, along = min(3, len(places)), places[:, axis][order]
     for m in range(len(points)):
         x, y, z = points[m, 0], points[m, 1], points[m, 2]
         upper = starts[m]
@@ -71,25 +57,29 @@ def _nearest_kernel(points, places, axis, order, starts, distances, idx):
                 distances[m, k], idx[m, k] = squared, i
 
 
-def _nearest_numba(points: Tensor, places: Tensor, near: int) -> tuple[Tensor, Tensor]:
+def _nearest_numba(points, counts, places, place_counts) -> tuple[Tensor, Tensor]:
     xyz, place_xyz = points.contiguous().numpy(), places.contiguous().numpy()
-    axis = int(np.argmax(np.ptp(place_xyz, axis=0)))
-    distances = np.empty((len(xyz), near), place_xyz.dtype)
-    idx = np.zeros(distances.shape, np.int64)
-    order = np.argsort(place_xyz[:, axis])
-    starts = np.searchsorted(place_xyz[order, axis], xyz[:, axis])
-    _nearest_kernel(xyz, place_xyz, axis, order, starts, distances, idx)
+    distances, idx = np.full_like(xyz, np.inf), np.zeros(xyz.shape, np.int64)
+    start = place_start = 0
+    for count, place_count in zip(counts.tolist(), place_counts.tolist(), strict=True):
+        frame, near = slice(start, start + count), min(3, place_count)
+        frame_places = place_xyz[place_start : place_start + place_count]
+        if count and place_count:
+            axis = int(np.argmax(np.ptp(frame_places, axis=0)))
+            order = np.argsort(frame_places[:, axis])
+            starts = np.searchsorted(frame_places[order, axis], xyz[frame, axis])
+            nearest = distances[frame], idx[frame]
+            _nearest_kernel(xyz[frame], frame_places, axis, order, starts, *nearest)
+            idx[frame, :near] += place_start
+        start, place_start = start + count, place_start + place_count
     return torch.from_numpy(np.sqrt(distances)), torch.from_numpy(idx)
 
 
-def _nearest_torch(points: Tensor, places: Tensor, near: int) -> tuple[Tensor, Tensor]:
-    distances = points.new_empty(len(points), near)
-    idx = torch.empty(len(points), near, dtype=torch.int64, device=points.device)
-    for part in chunks(len(points), len(places)):
-        dx, dy, dz = (points[part, axis, None] - places[:, axis] for axis in range(3))
-        squared, idx[part] = (dx * dx + dy * dy + dz * dz).topk(near, dim=1, largest=False)
-        distances[part] = squared.sqrt()
-    return distances, idx
+def _nearest_triton(points, counts, places, place_counts) -> tuple[Tensor, Tensor]:
+    from training.ops.gpu.neighbours import three_nearest
+
+    squared, idx = three_nearest(points, counts, places, place_counts)
+    return squared.sqrt_(), idx
 
 
 def inverse_distance_weights(distances: Tensor) -> Tensor:

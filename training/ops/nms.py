@@ -3,49 +3,51 @@
 import torch
 from torch import Tensor
 
-from training.ops.box_overlap import checked, near, pair_iou
-from training.ops.grouping import chunks
-from training.ops.rotated_iou import unsuppressed
+from training.ops import rotated_iou
 
 
 def nms(
     boxes: Tensor, scores: Tensor, threshold: float, pre: int = 4096, post: int = 500
-) -> Tensor:
-    """Rows of boxes (N, 7) with scores (N,) that survive, highest score first, (K,) int64.
+) -> tuple[Tensor, Tensor]:
+    """Select the boxes (B, N, 7) with scores (B, N) of each frame that survive, best score first.
 
     A box is dropped if its IoU from above with a kept box of higher score is greater than
-    `threshold`. Equal scores keep their order. Only the `pre` highest scores take part, at most
-    `post` boxes are kept (OpenPCDet's NMS_PRE_MAXSIZE and NMS_POST_MAXSIZE).
+    `threshold`. Equal scores keep their order. Only the `pre` highest scores above -∞ take part, at
+    most `post` boxes are kept (OpenPCDet's NMS_PRE_MAXSIZE and NMS_POST_MAXSIZE).
 
-    Raises ValueError if a box that takes part has a negative size or is not finite."""
-    order = scores.detach().argsort(descending=True, stable=True)[:pre]
-    best = boxes.detach()[order]
-    if not best.is_cpu:
-        return order[_unsuppressed_torch(best, threshold)[:post]]
-    return order[torch.from_numpy(unsuppressed(best.numpy(), threshold, post))]
+    Returns rows of a frame's boxes, (B, K), K at most `post`, and how many of them survive, (B,);
+    behind those a row is any.
+
+    Raises ValueError if a box that takes part has a negative size or is not finite; a GPU does not
+    check its boxes."""
+    scores = scores.detach()
+    order = scores.argsort(dim=1, descending=True, stable=True)[:, :pre]
+    sizes = (scores > -torch.inf).sum(dim=1).clamp_max(pre)
+    best = rows_of(boxes.detach(), order)
+    select = _unsuppressed_numba if boxes.is_cpu else _unsuppressed_triton
+    rows, counts = select(best, sizes, threshold, min(post, order.shape[1]))
+    return order.gather(1, rows), counts
 
 
-def _unsuppressed_torch(boxes: Tensor, threshold: float) -> Tensor:
-    """Rows that survive when each survivor removes the later boxes that overlap it.
+def rows_of(values: Tensor, rows: Tensor) -> Tensor:
+    """Rows (B, K) of `values` (B, N, …) of each frame, (B, K, …)."""
+    return values[torch.arange(len(rows), device=rows.device)[:, None], rows]
 
-    All survive at first; then each that no survivor before it overlaps, again and again until
-    nothing changes: as many rounds as the longest chain of boxes has links, few in practice (Zheng
-    et al., Cluster NMS, 2020)."""
-    boxes = checked(boxes)
-    count = len(boxes)
-    overlaps = torch.zeros(count, count, dtype=torch.bool, device=boxes.device)
-    size = boxes[:, 3] * boxes[:, 4]
-    for part in chunks(count, count):
-        pair = size[part, None], size
-        smaller, larger = torch.minimum(*pair), torch.maximum(*pair)
-        # Their quotient is at least the IoU; the slack is for rounding.
-        alike = smaller >= (threshold - 1e-9) * larger
-        row, column = (near(boxes[part], boxes) & alike).triu(part.start + 1).nonzero(as_tuple=True)
-        row = part.start + row
-        overlaps[row, column] = pair_iou(boxes[row], boxes[column], three_d=False) > threshold
-    survives = torch.ones(count, dtype=torch.bool, device=boxes.device)
-    while True:
-        left = ~(overlaps & survives[:, None]).any(dim=0)
-        if torch.equal(left, survives):
-            return survives.nonzero().flatten()
-        survives = left
+
+def _unsuppressed_numba(
+    boxes: Tensor, sizes: Tensor, threshold: float, limit: int
+) -> tuple[Tensor, Tensor]:
+    rows, counts = torch.zeros(len(boxes), limit, dtype=torch.int64), torch.zeros_like(sizes)
+    for frame, size in enumerate(sizes.tolist()):
+        survivors = rotated_iou.unsuppressed(boxes[frame, :size].numpy(), threshold, limit)
+        counts[frame] = len(survivors)
+        rows[frame, : len(survivors)] = torch.from_numpy(survivors)
+    return rows, counts
+
+
+def _unsuppressed_triton(
+    boxes: Tensor, sizes: Tensor, threshold: float, limit: int
+) -> tuple[Tensor, Tensor]:
+    from training.ops.gpu.rotated_iou import unsuppressed
+
+    return unsuppressed(boxes, sizes, threshold, limit)

@@ -1,11 +1,13 @@
 """Search for the box in which a point lies."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import inner, njit
-from training.ops.grouping import chunks
+from training.ops.grouping import stacked_counts
 
 MARGIN = 1e-5  # a point so far outside the sides of a box, metres, is inside: OpenPCDet's kernel
 _CELLS = 64  # cells along each side of the square around all boxes
@@ -20,10 +22,25 @@ def cos_sin(yaw: Tensor) -> tuple[Tensor, Tensor]:
     return torch.cos(wide).to(yaw.dtype), torch.sin(wide).to(yaw.dtype)
 
 
-def box_of_points(points: Tensor, boxes: Tensor) -> Tensor:
-    """Find the first of the boxes (M, 7) in which each point (N, 3 or more) lies, -1 if none."""
-    search = _first_box_numba if points.is_cpu else _first_box_torch
-    return search(points.detach(), boxes.detach().to(points))
+def box_of_points(points: Tensor, counts: Sequence[int], boxes: Sequence[Tensor]) -> Tensor:
+    """Find the first box of its frame in which each point (N, 3 or more) lies, -1 if none.
+
+    Points are frame after frame, `counts` of them, `boxes` (M, 7) those of each frame. Returns
+    rows of all boxes, frame after frame, (N,) int64."""
+    search = _first_box_numba if points.is_cpu else _first_box_triton
+    return search(points.detach(), counts, [frame.detach().to(points) for frame in boxes])
+
+
+def points_of_boxes(
+    points: Tensor, counts: Sequence[int], boxes: Tensor, samples: int
+) -> tuple[Tensor, Tensor]:
+    """Find the first S points of its frame, in their order, in each of the boxes (B, R, 7).
+
+    Points (N, 3) are frame after frame, `counts` of them. Returns rows of `points`, (B * R, S)
+    int64; they repeat in their order where there are fewer, all are 0 where there is none. And
+    which boxes are empty, (B * R,) bool."""
+    search = _first_points_numba if points.is_cpu else _first_points_triton
+    return search(points.detach(), counts, boxes.detach().to(points), samples)
 
 
 @njit(cache=True, error_model="numpy")
@@ -59,11 +76,34 @@ def _first_box_kernel(points, boxes, cosine, sine, margin, out):
             dx, dy, dz = points[i, 0] - x[k], points[i, 1] - y[k], points[i, 2] - boxes[k, 2]
             if abs(dx) > reach_x[k] or abs(dy) > reach_y[k] or abs(dz) > half[k, 2]:
                 continue
-            u = dx * cosine[k] + dy * sine[k]
-            v = dy * cosine[k] - dx * sine[k]
-            if abs(u) < half[k, 0] + margin and abs(v) < half[k, 1] + margin:
+            if _is_within(dx, dy, half[k], margin, cosine[k], sine[k]):
                 out[i] = k
                 break
+
+
+@njit(cache=True)
+def _first_points_kernel(points, boxes, cosine, sine, margin, start, idx, empty):
+    for k in range(len(boxes)):
+        half, hits = boxes[k, 3:6] / boxes.dtype.type(2), 0
+        for i in range(len(points)):
+            dx, dy = points[i, 0] - boxes[k, 0], points[i, 1] - boxes[k, 1]
+            if abs(points[i, 2] - boxes[k, 2]) > half[2]:
+                continue
+            if _is_within(dx, dy, half, margin, cosine[k], sine[k]):
+                idx[k, hits] = start + i
+                hits += 1
+                if hits == idx.shape[1]:
+                    break
+        empty[k] = hits == 0
+        for j in range(hits, idx.shape[1] if hits else 0):
+            idx[k, j] = idx[k, j - hits]
+
+
+@inner
+def _is_within(dx, dy, half, margin, cosine, sine):
+    """Test a point at (dx, dy) from the centre of a box against its sides."""
+    along, across = dx * cosine + dy * sine, dy * cosine - dx * sine
+    return abs(along) < half[0] + margin and abs(across) < half[1] + margin
 
 
 @inner
@@ -75,27 +115,45 @@ def _cell(x, low, by) -> int:
     return int(cell) if cell < _CELLS - 1 else _CELLS - 1
 
 
-def _first_box_numba(points: Tensor, boxes: Tensor) -> Tensor:
+def _first_box_numba(points, counts, boxes) -> Tensor:
     xyz = points.contiguous().numpy()
     out = np.empty(len(xyz), np.int64)
-    cosine, sine = (part.numpy() for part in cos_sin(boxes[:, 6]))
-    _first_box_kernel(xyz, boxes.contiguous().numpy(), cosine, sine, xyz.dtype.type(MARGIN), out)
+    start = box_start = 0
+    for count, frame in zip(counts, boxes, strict=True):
+        cosine, sine = (part.numpy() for part in cos_sin(frame[:, 6]))
+        box = out[start : start + count]
+        sides = frame.contiguous().numpy(), cosine, sine, xyz.dtype.type(MARGIN)
+        _first_box_kernel(xyz[start : start + count], *sides, box)
+        box[box >= 0] += box_start
+        start, box_start = start + count, box_start + len(frame)
     return torch.from_numpy(out)
 
 
-def _first_box_torch(points: Tensor, boxes: Tensor) -> Tensor:
-    out = torch.full((len(points),), -1, dtype=torch.int64, device=points.device)
-    for part in chunks(len(points), len(boxes)) if len(boxes) else ():
-        inside = inside_boxes(points[part], boxes).t()
-        out[part] = torch.where(inside.any(dim=1), inside.int().argmax(dim=1), -1)
-    return out
+def _first_box_triton(points, counts, boxes) -> Tensor:
+    from training.ops.gpu.points_in_boxes import first_boxes
+
+    sizes = (stacked_counts(part, points.device) for part in (counts, map(len, boxes)))
+    return first_boxes(points, next(sizes), torch.cat(boxes), next(sizes), MARGIN)
 
 
-def inside_boxes(points: Tensor, boxes: Tensor) -> Tensor:
-    """Test if each of the points (N, 3) is in each of the boxes (M, 7), (M, N) bool."""
-    x, y, z, length, width, height, yaw = boxes[:, :, None].unbind(dim=1)
-    dx, dy, dz = points[:, 0] - x, points[:, 1] - y, points[:, 2] - z
-    cosine, sine = cos_sin(yaw)
-    along = (dx * cosine + dy * sine).abs() < length / 2 + MARGIN
-    across = (dy * cosine - dx * sine).abs() < width / 2 + MARGIN
-    return along & across & (dz.abs() <= height / 2)
+def _first_points_numba(points, counts, boxes, samples) -> tuple[Tensor, Tensor]:
+    xyz, frames = points.contiguous().numpy(), boxes.contiguous().numpy()
+    idx = np.zeros((*frames.shape[:2], samples), np.int64)
+    empty = np.empty(frames.shape[:2], bool)
+    cosine, sine = (part.numpy() for part in cos_sin(boxes[..., 6]))
+    start, margin = 0, xyz.dtype.type(MARGIN)
+    for b, count in enumerate(counts):
+        sides = frames[b], cosine[b], sine[b], margin
+        _first_points_kernel(xyz[start : start + count], *sides, start, idx[b], empty[b])
+        start += count
+    return torch.from_numpy(idx).flatten(0, 1), torch.from_numpy(empty).flatten()
+
+
+def _first_points_triton(points, counts, boxes, samples) -> tuple[Tensor, Tensor]:
+    from training.ops.gpu.points_in_boxes import first_points
+
+    sizes = stacked_counts(counts, points.device)
+    box_sizes = torch.full_like(sizes, boxes.shape[1])
+    idx, hits = first_points(points, sizes, boxes.flatten(0, 1), box_sizes, samples, MARGIN)
+    turn = torch.arange(samples, device=points.device) % hits.clamp_min(1)[:, None]
+    return idx.gather(1, turn), hits == 0

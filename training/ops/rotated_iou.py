@@ -10,61 +10,47 @@ from lidarplace.base.kernel_cache import inner, njit
 
 
 @inner
-def _clip(polygon, count, axis, sign, limit, clipped):
-    """Keep the part of a polygon with `sign * coordinate <= limit`; return its vertex count.
+def _bev_intersection(a, b, turn_a, turn_b):
+    """Area common to two rotated rectangles whose turns are (cosine, sine), seen from above.
 
-    Polygons have x and y of their vertices, (2, 8) or more. One step of I. Sutherland and
-    G. Hodgman, Reentrant polygon clipping, 1974."""
-    vertices = 0
-    for i in range(count):
-        j = i + 1 if i + 1 < count else 0
-        inside_i, inside_j = limit - sign * polygon[axis, i], limit - sign * polygon[axis, j]
-        if inside_i >= 0:
-            clipped[0, vertices], clipped[1, vertices] = polygon[0, i], polygon[1, i]
-            vertices += 1
-        if (inside_i > 0 and inside_j < 0) or (inside_i < 0 and inside_j > 0):
-            t = inside_i / (inside_i - inside_j)
-            for k in range(2):
-                clipped[k, vertices] = polygon[k, i] + t * (polygon[k, j] - polygon[k, i])
-            vertices += 1
-    return vertices
-
-
-@inner
-def _bev_intersection(a, b, work):
-    """Area common to two rotated rectangles; `work` is space for two polygons, see `_clip`.
-
-    Works in the frame of `a`, so that far coordinates cost no digits and `a` is a plain interval
-    in x and in y."""
-    polygon, clipped = work[0], work[1]
+    By Green's theorem it is the integral of x dy along the edges of `b`, with x and y clamped to
+    `a`, in the frame of `a`: far coordinates cost no digits, and edges that coincide need no rule.
+    """
+    half_x, half_y, along, across = 0.5 * a[3], 0.5 * a[4], 0.5 * b[3], 0.5 * b[4]
     dx, dy = b[0] - a[0], b[1] - a[1]
-    reach = math.hypot(a[3], a[4]) + math.hypot(b[3], b[4])
-    if 4 * (dx * dx + dy * dy) > reach * reach:
+    x, y = turn_a[0] * dx + turn_a[1] * dy, turn_a[0] * dy - turn_a[1] * dx
+    cos = turn_a[0] * turn_b[0] + turn_a[1] * turn_b[1]
+    sin = turn_a[0] * turn_b[1] - turn_a[1] * turn_b[0]
+    c, s = abs(cos), abs(sin)
+    apart = (abs(x) >= half_x + c * along + s * across) | (
+        abs(y) >= half_y + s * along + c * across
+    )
+    apart |= abs(cos * x + sin * y) >= along + c * half_x + s * half_y
+    apart |= abs(cos * y - sin * x) >= across + s * half_x + c * half_y
+    if apart:
         return 0.0
-    cos_a, sin_a = math.cos(a[6]), math.sin(a[6])
-    x = cos_a * dx + sin_a * dy
-    y = cos_a * dy - sin_a * dx
-    cos_b, sin_b = math.cos(b[6] - a[6]), math.sin(b[6] - a[6])
+    area = 0.0
     for i in range(4):
-        u = (0.5 if i == 0 or i == 3 else -0.5) * b[3]
-        v = (0.5 if i < 2 else -0.5) * b[4]
-        polygon[0, i] = x + cos_b * u - sin_b * v
-        polygon[1, i] = y + sin_b * u + cos_b * v
-    count = 4
-    for axis in range(2):
-        count = _clip(polygon, count, axis, 1.0, 0.5 * a[3 + axis], clipped)
-        count = _clip(clipped, count, axis, -1.0, 0.5 * a[3 + axis], polygon)
-    area, (xs, ys) = 0.0, (polygon[0], polygon[1])
-    # A fan of triangles from vertex 0: small numbers, no cancellation.
-    for i in range(1, count - 1):
-        area += (xs[i] - xs[0]) * (ys[i + 1] - ys[0]) - (xs[i + 1] - xs[0]) * (ys[i] - ys[0])
+        u, v = (along if i == 0 or i == 3 else -along), (across if i < 2 else -across)
+        x0, y0 = x + cos * u - sin * v, y + sin * u + cos * v
+        u, v = (-u, v) if i == 0 or i == 2 else (u, -v)
+        x1, y1 = x + cos * u - sin * v, y + sin * u + cos * v
+        # The part of the edge between the sides of `a` along x.
+        low, high = min(max(y0, -half_y), half_y), min(max(y1, -half_y), half_y)
+        span = y1 - y0 if y1 != y0 else 1.0
+        left, right = x0 + (low - y0) / span * (x1 - x0), x0 + (high - y0) / span * (x1 - x0)
+        # Mean of the clamped x over it: before the kink, between, behind.
+        start, end = min(max(left, -half_x), half_x), min(max(right, -half_x), half_x)
+        span = right - left if right != left else 1.0
+        outside = ((start - left) - (right - end)) / span
+        area += (high - low) * 0.5 * (start + end + outside * (start - end))
     # Rounding must not make the common part larger than either box.
-    return min(0.5 * abs(area), a[3] * a[4], b[3] * b[4])
+    return min(max(area, 0.0), a[3] * a[4], b[3] * b[4])
 
 
 @inner
-def _iou(a, b, three_d, work):
-    common = _bev_intersection(a, b, work)
+def _iou(a, b, turn_a, turn_b, three_d):
+    common = _bev_intersection(a, b, turn_a, turn_b)
     size_a, size_b = a[3] * a[4], b[3] * b[4]
     if three_d:
         top = min(a[2] + 0.5 * a[5], b[2] + 0.5 * b[5])
@@ -75,34 +61,39 @@ def _iou(a, b, three_d, work):
     return common / union if union > 0 else 0.0
 
 
+@inner
+def _turn(box):
+    return math.cos(box[6]), math.sin(box[6])
+
+
 @njit(cache=True)
 def _pair_kernel(a, b, three_d) -> NDArray[np.float64]:
-    work = np.empty((2, 2, 16))
     out = np.empty(len(a))
     for i in range(len(a)):
-        out[i] = _iou(a[i], b[i], three_d, work)
+        out[i] = _iou(a[i], b[i], _turn(a[i]), _turn(b[i]), three_d)
     return out
 
 
 @njit(cache=True)
 def _matrix_kernel(a, b, three_d) -> NDArray[np.float64]:
-    work = np.empty((2, 2, 16))
     out = np.empty((len(a), len(b)))
+    cos, sin = np.cos(b[:, 6]), np.sin(b[:, 6])
     for i in range(len(a)):
+        turn = _turn(a[i])
         for j in range(len(b)):
-            out[i, j] = _iou(a[i], b[j], three_d, work)
+            out[i, j] = _iou(a[i], b[j], turn, (cos[j], sin[j]), three_d)
     return out
 
 
 @inner
-def _could_exceed(a, b, cos_a, sin_a, cos_b, sin_b, threshold):
+def _could_exceed(a, b, turn_a, turn_b, threshold):
     """Test by the bounds of `b` along `a` if the IoU from above may be greater than `threshold`.
 
-    No trigonometry and no clipping, and false for almost all pairs that do not exceed it."""
+    It is false for almost all pairs that do not exceed it."""
     dx, dy = b[0] - a[0], b[1] - a[1]
-    x, y = abs(cos_a * dx + sin_a * dy), abs(cos_a * dy - sin_a * dx)
-    cos = abs(cos_a * cos_b + sin_a * sin_b)
-    sin = abs(cos_a * sin_b - sin_a * cos_b)
+    x, y = abs(turn_a[0] * dx + turn_a[1] * dy), abs(turn_a[0] * dy - turn_a[1] * dx)
+    cos = abs(turn_a[0] * turn_b[0] + turn_a[1] * turn_b[1])
+    sin = abs(turn_a[0] * turn_b[1] - turn_a[1] * turn_b[0])
     half_x, half_y = 0.5 * (cos * b[3] + sin * b[4]), 0.5 * (sin * b[3] + cos * b[4])
     wide = min(0.5 * a[3] + half_x - x, a[3], 2 * half_x)
     deep = min(0.5 * a[4] + half_y - y, a[4], 2 * half_y)
@@ -118,14 +109,14 @@ def _could_exceed(a, b, cos_a, sin_a, cos_b, sin_b, threshold):
 def _suppression_kernel(boxes, threshold, limit) -> NDArray[np.int64]:
     survivors = np.empty(min(len(boxes), limit), np.int64)
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
-    work = np.empty((2, 2, 16))
     count = 0
     for i in range(len(boxes)):
         if count == len(survivors):
             break
+        turn = cos[i], sin[i]
         for k in survivors[:count]:
-            near = _could_exceed(boxes[k], boxes[i], cos[k], sin[k], cos[i], sin[i], threshold)
-            if near and _iou(boxes[k], boxes[i], False, work) > threshold:
+            near = _could_exceed(boxes[k], boxes[i], (cos[k], sin[k]), turn, threshold)
+            if near and _iou(boxes[k], boxes[i], (cos[k], sin[k]), turn, False) > threshold:
                 break
         else:
             survivors[count] = i

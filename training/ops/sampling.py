@@ -1,27 +1,32 @@
 """Furthest point sampling: points that cover a cloud evenly."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
+from training.ops.grouping import stacked_counts
 
 _THREADS = 1024
 """Largest block of upstream's kernel; fixes which of several furthest points it takes."""
 
 
-def furthest_point_sample(xyz: Tensor, counts: Tensor, samples: int) -> tuple[Tensor, Tensor]:
+def furthest_point_sample(
+    xyz: Tensor, counts: Sequence[int], samples: int
+) -> tuple[Tensor, list[int]]:
     """Choose rows of points, each the furthest from those before it, starting with the first.
 
     PointNet++ (Qi et al., NeurIPS 2017), section 3.2. Of equally far points it takes the one that
-    OpenPCDet's CUDA kernel takes. Points (N, 3) are finite, frame after frame, `counts` (B,) each.
+    OpenPCDet's CUDA kernel takes. Points (N, 3) are finite, frame after frame, `counts` of them.
 
     Returns rows of `xyz`, int64, `samples` for each frame that has points; a frame with fewer
-    repeats its rows in their order. And the chosen points of each frame, (B,) int64."""
+    repeats its rows in their order. And the chosen points of each frame, one number each."""
     search = _furthest_numba if xyz.is_cpu else _furthest_triton
-    rows = search(xyz.detach(), counts.tolist(), samples)
-    return rows, torch.where(counts > 0, samples, 0)
+    rows = search(xyz.detach(), counts, samples)
+    return rows, [samples if count else 0 for count in counts]
 
 
 def _tie_order(count: int) -> NDArray[np.int64]:
@@ -94,7 +99,7 @@ def _furthest_kernel(xyz, packed, rows, size, low, high, chosen):
         chosen[j] = best_row
 
 
-def _furthest_numba(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
+def _furthest_numba(xyz: Tensor, counts: Sequence[int], samples: int) -> Tensor:
     chosen: list[NDArray[np.int64]] = [np.empty(0, np.int64)]
     start = 0
     for count in counts:
@@ -105,9 +110,9 @@ def _furthest_numba(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
     return torch.from_numpy(np.concatenate(chosen))
 
 
-def _furthest_triton(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
+def _furthest_triton(xyz: Tensor, counts: Sequence[int], samples: int) -> Tensor:
     from training.ops.gpu.sampling import furthest_rows
 
-    sizes = torch.tensor([count for count in counts if count], device=xyz.device)
+    sizes = stacked_counts(filter(None, counts), xyz.device)
     starts = sizes.cumsum(0) - sizes
     return (starts[:, None] + furthest_rows(xyz, starts, sizes, samples)).flatten()

@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
-from training.ops.grouping import chunks, first_hits, padded_with_first
 from training.ops.sparse_rules import Triple
 
 
@@ -32,7 +31,7 @@ def voxel_query(
     At most `reach` steps away along z, y, x, and their centres `radius` metres. New points (M, 3)
     have coordinates (M, 4) as the voxels have, which may lie outside. Returns rows and which new
     points have no neighbour, as `ball_query` does."""
-    search = _query_numba if voxels.xyz.is_cpu else _query_torch
+    search = _query_numba if voxels.xyz.is_cpu else _query_triton
     voxels = voxels._replace(xyz=voxels.xyz.detach())
     return search(reach, radius, samples, voxels, new_xyz.detach(), new_coordinates)
 
@@ -78,31 +77,12 @@ def _query_numba(reach, radius, samples, voxels, new_xyz, new_coordinates) -> tu
     return torch.from_numpy(idx), torch.from_numpy(empty)
 
 
-def _query_torch(reach, radius, samples, voxels, new_xyz, new_coordinates) -> tuple[Tensor, Tensor]:
-    xyz, coordinates, shape = voxels
-    idx = torch.zeros(len(new_xyz), samples, dtype=torch.int64, device=xyz.device)
-    empty = torch.ones(len(new_xyz), dtype=torch.bool, device=xyz.device)
-    if len(xyz) == 0:
-        return idx, empty
-    squared = torch.tensor(radius, dtype=xyz.dtype, device=xyz.device).square()
-    size = torch.tensor(shape, device=xyz.device)
-    steps = [torch.arange(-most, most + 1, device=xyz.device) for most in reach]
-    offsets = torch.cartesian_prod(*steps)
-    keys = _key(coordinates[:, 0], coordinates[:, 1:], shape)
-    for part in chunks(len(new_xyz), 4 * len(offsets)):  # a few numbers of each
-        around = new_coordinates[part, None, 1:] + offsets
-        key = _key(new_coordinates[part, None, 0], around, shape)
-        row = torch.searchsorted(keys, key).clamp_max(len(keys) - 1)
-        occupied = ((around >= 0) & (around < size)).all(dim=2) & (keys[row] == key)
-        dx, dy, dz = (new_xyz[part, None] - xyz[row]).unbind(dim=2)
-        hits, counts = first_hits(occupied & (dx * dx + dy * dy + dz * dz <= squared), samples)
-        empty[part] = counts == 0
-        neighbours = row.gather(1, padded_with_first(hits, counts))
-        idx[part] = torch.where(empty[part, None], 0, neighbours)
-    return idx, empty
+def _query_triton(reach, radius, samples, voxels, new_xyz, new_coordinates):
+    from training.ops.gpu.neighbours import voxels_around
 
-
-def _key(frame: Tensor, zyx: Tensor, shape: Triple) -> Tensor:
-    """Number the voxels (…, 3) of the grid in the order of the rows."""
-    z, y, x = zyx.unbind(dim=-1)
-    return ((frame * shape[0] + z) * shape[1] + y) * shape[2] + x
+    (xyz, coordinates, shape), (_, ny, nx) = voxels, voxels.shape
+    frame, z, y, x = coordinates.unbind(dim=1)
+    keys = ((frame * shape[0] + z) * ny + y) * nx + x
+    squared = torch.tensor(radius, dtype=xyz.dtype).square().item()
+    new = new_xyz, new_coordinates
+    return voxels_around(reach, squared, samples, (xyz, keys, shape), new)

@@ -63,4 +63,4 @@ class Backbone2d(nn.Module):
 
 
 def _norm_relu(channels: int, momentum: float) -> list[nn.Module]:
-    return [nn.BatchNorm2d(channels, eps=1e-3, momentum=momentum), nn.ReLU()]
+    return [nn.BatchNorm2d(channels, eps=1e-3, momentum=momentum), nn.ReLU(inplace=True)]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
-from training.detectors.backbones.pillars import PillarEncoder, PillarFeatureLayer, scatter
+from training.detectors.backbones.pillars import PillarEncoder, PillarFeatureLayer
 from training.detectors.layers import PaddedBatchNorm
 
 
@@ -31,11 +31,12 @@ def pillar_image(frames: Sequence[Tensor], encoder: PillarEncoder) -> Tensor:
     layer = cast(PillarFeatureLayer, encoder.pfn_layers[0])
     parameters = (layer.linear.weight, layer.norm.weight, layer.norm.bias)
     learns = layer.norm.training or torch.is_grad_enabled()
-    features, cells = _Features.apply(*parameters, frames, encoder, learns)
-    return scatter(features, cells, len(frames), encoder.grid)
+    image: Tensor = _Image.apply(*parameters, frames, encoder, learns)
+    nx, ny = encoder.grid.shape
+    return image.view(len(frames), ny, nx, -1).permute(0, 3, 1, 2)
 
 
-class _Features(torch.autograd.Function):
+class _Image(torch.autograd.Function):
     """Linear layer, batch norm, ReLU and maximum, with the gradient in closed form.
 
     g: the gradient at the output of batch norm, of the points that are a maximum alone; u: the ten
@@ -51,8 +52,8 @@ class _Features(torch.autograd.Function):
         frames: Sequence[Tensor],
         encoder: PillarEncoder,
         learns: bool,
-    ) -> tuple[Tensor, Tensor]:
-        """Features (P, C) of the pillars, and their cells (P,).
+    ) -> Tensor:
+        """Features of all cells of the frames, (frames * ny * nx, C), zero without a pillar.
 
         `learns`: there will be a backward pass, or statistics are of the batch."""
         grid, norm = encoder.grid, cast(PillarFeatureLayer, encoder.pfn_layers[0]).norm
@@ -67,17 +68,14 @@ class _Features(torch.autograd.Function):
         signed = np.ascontiguousarray((sign[:, None] * moving).T)
         of_points, centre, limits = grid.cells(points), (x, y, z[0]), grid.limits(norm.training)
         pillars = _collect(points, of_points, ends, centre, limits, signed, products)
-        cells, counts, sums, raw, winner = pillars
+        cells, counts, sums, best, winner = pillars
         column, row = cells % len(x), cells // len(x) % len(y)
         centres = np.stack([x[column], y[row], np.full(len(row), z[0])], axis=1)
         rest = np.hstack([centres, sums[:, :3] / counts[:, None]])
-        raw *= sign  # from here on in place: these are the large arrays
-        raw += rest.astype(dtype) @ shared.T
+        common = rest.astype(dtype) @ shared.T
         rows = int(counts.sum())
         if grid.max_points:  # upstream fills a pillar up with rows of zeros
-            rows = len(raw) * grid.max_points
-            zero = (counts < grid.max_points)[:, None] & (sign * raw < 0)
-            raw[zero], winner[zero] = 0, -1
+            rows = len(cells) * grid.max_points
         if learns:
             total = np.hstack([sums.sum(axis=0), counts @ rest])
             by_rest, of_rest = sums.T @ rest, rest.T @ (counts[:, None] * rest)
@@ -90,30 +88,25 @@ class _Features(torch.autograd.Function):
             running = (norm.running_mean, norm.running_var)
             mean, variance = (cast(Tensor, item).numpy() for item in running)
         scale = 1 / np.sqrt(variance + norm.eps)
-        raw -= mean.astype(dtype)
-        raw *= scale.astype(dtype)
-        out = np.multiply(raw, gamma.detach().numpy(), out=None if learns else raw)
-        out += beta.detach().numpy()
-        np.maximum(out, 0, out=out)
+        image = np.zeros((len(ends) * len(x) * len(y), len(sign)), dtype)
+        learnt = gamma.detach().numpy(), beta.detach().numpy()
+        affine = (mean.astype(dtype), scale.astype(dtype), *learnt)
+        padded = counts < grid.max_points if grid.max_points else np.zeros(len(cells), np.bool_)
+        _normalise(best, winner, common, sign, padded, affine, cells, image)
         if learns:
-            ctx.kept = points, winner, centres, rest, raw, out
+            ctx.of_pillars = points, winner, centres, rest, best, cells
             ctx.sums = terms, total, squares, mean, scale, rows if batch else math.inf
-            ctx.save_for_backward(gamma)
-        pillar_cells = torch.from_numpy(cells)
-        ctx.mark_non_differentiable(pillar_cells)
-        return torch.from_numpy(out), pillar_cells
+            ctx.save_for_backward(gamma, beta)
+        return torch.from_numpy(image)
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor, _: Any) -> tuple[Tensor | None, ...]:
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         """Gradients of weight, gamma and beta."""
-        points, winner, centres, rest, normal, out = ctx.kept
         terms, total, squares, mean, scale, rows = ctx.sums
-        (gamma,) = ctx.saved_tensors
-        g = np.where(out > 0, gradient.numpy(), 0)
-        of_points = np.where(winner >= 0, g, 0)
-        moving = _sum_winners(points, centres, winner, of_points)
-        of_terms = np.hstack([moving, of_points.T @ rest])
-        of_gamma, of_beta = np.einsum("pc,pc->c", g, normal), g.sum(axis=0)
+        gamma, beta = ctx.saved_tensors
+        weights = gamma.detach().numpy(), beta.detach().numpy()
+        of_cells = np.ascontiguousarray(gradient.numpy())
+        of_terms, of_gamma, of_beta = _gradients(ctx.of_pillars, of_cells, *weights)
         by_normal = (terms @ squares - np.outer(mean, total)) * scale[:, None]
         of_terms -= np.outer(of_beta, total) / rows + of_gamma[:, None] * by_normal / rows
         of_terms *= (gamma.detach().numpy() * scale)[:, None]
@@ -212,15 +205,44 @@ def _collect(points, cells, ends, centres, limits, weights, products):
 
 
 @njit(cache=True)
-def _sum_winners(points, centres, winner, gradient):
-    """Sum of the four terms of the winners times their gradients, shape (C, 4), float64."""
-    total = np.zeros((winner.shape[1], 4))
-    for p in range(len(winner)):
-        for c in range(winner.shape[1]):
-            g = gradient[p, c]
-            if g != 0:
-                n = winner[p, c]
-                for axis in range(3):
-                    total[c, axis] += g * (points[n, axis] - centres[p, axis])
-                total[c, 3] += g * points[n, 3]
-    return total
+def _normalise(best, winner, common, sign, padded, affine, cells, image):
+    """Fill the cells of `image`; `best` (P, C) become the normalised values.
+
+    `common` (P, C) is the part of the value that all points of a pillar share, `affine` are mean,
+    scale, gamma and beta of batch norm. In pillars that are `padded` a row of zeros takes part,
+    which is row -1 among the winners."""
+    mean, scale, gamma, beta = affine
+    zero = best.dtype.type(0)
+    for p in range(len(best)):
+        for c in range(best.shape[1]):
+            value = best[p, c] * sign[c] + common[p, c]
+            if padded[p] and sign[c] * value < zero:
+                value, winner[p, c] = zero, -1
+            best[p, c] = (value - mean[c]) * scale[c]
+            image[cells[p], c] = max(best[p, c] * gamma[c] + beta[c], zero)
+
+
+@njit(cache=True)
+def _gradients(pillars, gradient, gamma, beta):
+    """Sums over the pillars of the gradients g at the output of batch norm, float64.
+
+    Of the ten terms times g (C, 10), of normalised values times g (C,), and of g (C,)."""
+    points, winner, centres, rest, normal, cells = pillars
+    channels = len(gamma)
+    of_terms, of_gamma, of_beta = np.zeros((channels, 10)), np.zeros(channels), np.zeros(channels)
+    for p in range(len(cells)):
+        for c in range(channels):
+            g = np.float64(gradient[cells[p], c])
+            if g == 0 or not normal[p, c] * gamma[c] + beta[c] > 0:
+                continue
+            of_gamma[c] += g * normal[p, c]
+            of_beta[c] += g
+            n = winner[p, c]
+            if n < 0:
+                continue
+            for axis in range(3):
+                of_terms[c, axis] += g * (points[n, axis] - centres[p, axis])
+            of_terms[c, 3] += g * points[n, 3]
+            for term in range(6):
+                of_terms[c, 4 + term] += g * rest[p, term]
+    return of_terms, of_gamma, of_beta

@@ -12,8 +12,9 @@ def within(points: Tensor, point_range: PointRange) -> Tensor:
     """Select the finite rows of `points` (N, 4) in the range of x and y, its border included.
 
     At any height, as in OpenPCDet: only voxels end at the range's top and bottom."""
-    low, high = points.new_tensor(point_range[:2]), points.new_tensor(point_range[3:5])
-    inside = ((points[:, :2] >= low) & (points[:, :2] <= high)).all(dim=1)
+    x, y = points[:, 0], points[:, 1]
+    inside = (x >= point_range[0]) & (x <= point_range[3])
+    inside &= (y >= point_range[1]) & (y <= point_range[4])
     return points[inside & points.isfinite().all(dim=1)]
 
 
@@ -31,7 +32,7 @@ def sample_points(points: Tensor, number: int, training: bool) -> Tensor:
     generator = None if training else torch.Generator().manual_seed(0)
 
     def shuffled(size: int) -> Tensor:
-        return torch.randperm(size, generator=generator).to(points.device)
+        return torch.randperm(size, generator=generator).to(points.device, non_blocking=True)
 
     if count <= number:
         rounds = [shuffled(count) for _ in range(-(-number // count) - 1)]
@@ -41,7 +42,8 @@ def sample_points(points: Tensor, number: int, training: bool) -> Tensor:
         # Squared: a root's last bit differs between machines.
         x, y, z = points[:, :3].unbind(dim=1)
         is_far = x * x + y * y + z * z >= NEAR**2
-        near, far = torch.nonzero(~is_far).flatten(), torch.nonzero(is_far).flatten()
+        far = torch.nonzero(is_far).flatten()
+        near = torch.nonzero_static(~is_far, size=count - len(far)).flatten()
         if len(far) >= number:
             near, far = torch.arange(count, device=points.device), far[:0]
         rows = torch.cat([near[shuffled(len(near))[: number - len(far)]], far])

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from training.detectors.backbones.set_abstraction import BallSettings, PointMlp, SetAbstraction
+from training.ops.grouping import stacked_counts
 from training.ops.interpolation import interpolate, inverse_distance_weights, three_nn
 from training.ops.sampling import furthest_point_sample
 
@@ -67,15 +68,14 @@ class AbstractionLevels(nn.ModuleList):
             self.channels.append(module.outputs)
 
     def descend(
-        self, xyz: Tensor, counts: Tensor, features: Tensor
+        self, xyz: Tensor, counts: Sequence[int], features: Tensor
     ) -> list[tuple[Tensor, Tensor, Tensor]]:
         """List the arguments, then for each level the places, their number a frame, features."""
-        levels = [(xyz, counts, features)]
+        levels = [(xyz, stacked_counts(counts, xyz.device), features)]
         for places, module in zip(self.places, self, strict=False):
-            xyz, counts, _ = levels[-1]
-            rows, new_counts = furthest_point_sample(xyz, counts, places)
-            new_xyz = xyz[rows]
-            levels.append((new_xyz, new_counts, module(*levels[-1], new_xyz, new_counts)))
+            rows, counts = furthest_point_sample(levels[-1][0], counts, places)
+            new = levels[-1][0][rows], stacked_counts(counts, xyz.device)
+            levels.append((*new, module(*levels[-1], *new)))
         return levels
 
 
@@ -93,8 +93,8 @@ class PointNet2(nn.Module):
             for sizes in zip(inputs_of_levels, channels, settings.propagation, strict=False)
         )
 
-    def forward(self, xyz: Tensor, counts: Tensor, features: Tensor) -> Tensor:
-        """Features (N, outputs) of points xyz (N, 3), `counts` (B,) a frame, with `features`."""
+    def forward(self, xyz: Tensor, counts: Sequence[int], features: Tensor) -> Tensor:
+        """Features (N, outputs) of points xyz (N, 3), `counts` of each frame, with `features`."""
         levels = self.SA_modules.descend(xyz, counts, features)
         features = levels[-1][2]
         for level in reversed(range(len(self.FP_modules))):

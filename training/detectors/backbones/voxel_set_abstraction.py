@@ -12,6 +12,7 @@ from training.detectors.backbones.set_abstraction import BallSettings, SetAbstra
 from training.detectors.backbones.sparse_backbone import STRIDE
 from training.detectors.backbones.voxels import VoxelGrid
 from training.detectors.layers import PaddedBatchNorm
+from training.ops.grouping import stacked_counts
 from training.ops.interpolation import interpolate
 from training.ops.sampling import furthest_point_sample
 from training.ops.sparse_conv import SparseTensor
@@ -35,7 +36,7 @@ class Keypoints:
     """Keypoints of a batch, frame after frame."""
 
     xyz: Tensor  # shape (K, 3), metres
-    counts: Tensor  # keypoints of each frame, shape (B,), int64; 0 in a frame without points
+    counts: Sequence[int]  # keypoints of each frame; 0 in a frame without points
     sources: Tensor  # features from all sources side by side, shape (K, C)
     features: Tensor  # the same fused, shape (K, outputs)
 
@@ -67,31 +68,33 @@ class VoxelSetAbstraction(nn.Module):
 
         `scales` are SCALES of the sparse backbone, `bev` (B, bev, ny, nx) the encoded grid from
         above."""
-        counts = torch.tensor([len(frame) for frame in points], device=bev.device)
-        stacked = torch.cat(list(points))
+        counts, stacked = [len(frame) for frame in points], torch.cat(list(points))
         rows, keypoint_counts = furthest_point_sample(stacked[:, :3], counts, self.keypoints)
         stacked = stacked.to(next(self.parameters()).dtype)
         xyz = stacked[:, :3].contiguous()
         keypoints = xyz[rows]
-        frame = torch.repeat_interleave(keypoint_counts)
+        near = keypoints, stacked_counts(keypoint_counts, xyz.device)
+        frame = torch.repeat_interleave(near[1], output_size=len(keypoints))
         features = [
             sample_image(bev, frame, self._cells(keypoints)),
-            self.SA_rawpoints(xyz, counts, stacked[:, 3:], keypoints, keypoint_counts),
+            self.SA_rawpoints(xyz, stacked_counts(counts, xyz.device), stacked[:, 3:], *near),
         ]
         for (name, stride), layer in zip(SCALES.items(), self.SA_layers, strict=True):
             voxels = scales[name]
             centres = self.grid.centres(voxels.coordinates, stride, xyz.dtype)
-            voxel_counts = torch.bincount(voxels.coordinates[:, 0], minlength=len(points))
-            near = (centres, voxel_counts, voxels.features, keypoints, keypoint_counts)
-            features.append(layer(*near))
+            # The voxels are frame after frame; a GPU's host would wait for bincount().
+            frames = torch.arange(len(points) + 1, device=xyz.device)
+            voxel_counts = torch.searchsorted(voxels.coordinates[:, 0].contiguous(), frames).diff()
+            features.append(layer(centres, voxel_counts, voxels.features, *near))
         sources = torch.cat(features, dim=1)
         fused = self.vsa_point_feature_fusion(sources)
         return Keypoints(keypoints, keypoint_counts, sources, fused)
 
     def _cells(self, xyz: Tensor) -> Tensor:
         """Places (K, 3) in cells of the image along x and y, (K, 2)."""
-        low = xyz.new_tensor(self.grid.point_range[:2])
-        return (xyz[:, :2] - low) / xyz.new_tensor(self.grid.size[:2]) / STRIDE
+        low, size = self.grid.point_range, self.grid.size
+        axes = ((xyz[:, axis] - low[axis]) / size[axis] / STRIDE for axis in range(2))
+        return torch.stack([*axes], dim=1)
 
 
 def mixed(voxels: SparseTensor) -> SparseTensor:
@@ -113,16 +116,19 @@ def sample_image(image: Tensor, frame: Tensor, place: Tensor) -> Tensor:
     Places (K, 2) are in cells of their `frame` (K,). As in OpenPCDet, features lie at the cells'
     lower corners and count nothing beyond the last."""
     ny, nx = image.shape[2:]
-    last = torch.tensor([nx - 1, ny - 1], device=place.device)
-    low = place.floor().long()
-    low, high = low.clamp_min(0).minimum(last), (low + 1).clamp_min(0).minimum(last)
-    # Beyond the last cell's corner low and high are one cell, and the weights cancel.
-    near, far = high - place, place - low
     corners = [
         ((frame * ny + y) * nx + x, weight_x * weight_y)
-        for x, weight_x in ((low[:, 0], near[:, 0]), (high[:, 0], far[:, 0]))
-        for y, weight_y in ((low[:, 1], near[:, 1]), (high[:, 1], far[:, 1]))
+        for x, weight_x in _cells_around(place[:, 0], nx)
+        for y, weight_y in _cells_around(place[:, 1], ny)
     ]
     idx, weights = (torch.stack(parts, dim=1) for parts in zip(*corners, strict=True))
     rows = image.permute(0, 2, 3, 1).reshape(-1, image.shape[1])
     return interpolate(rows, idx, weights)
+
+
+def _cells_around(place: Tensor, count: int) -> tuple[tuple[Tensor, Tensor], ...]:
+    """Cells below and above places (K,) along an axis of `count` cells, and their weights."""
+    below = place.floor().long()
+    low, high = below.clamp(0, count - 1), (below + 1).clamp(0, count - 1)
+    # Beyond the last cell's corner both are one cell, and the weights cancel.
+    return (low, high - place), (high, place - low)

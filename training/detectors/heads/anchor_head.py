@@ -10,9 +10,16 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from training.detectors.detector import Rows
-from training.detectors.heads.anchors import AnchorClass, assign_targets
+from training.detectors.heads.anchor_targets import (
+    ALL,
+    AnchorTargets,
+    Index,
+    anchor_rules,
+    assign_targets,
+)
+from training.detectors.heads.anchors import AnchorClass
 from training.detectors.heads.box_coder import decode, encode, limit_period
-from training.detectors.heads.losses import Targets, sigmoid_focal_loss, sine_smooth_l1
+from training.detectors.heads.losses import sigmoid_focal_loss, sine_smooth_l1
 
 # OpenPCDet's KITTI models.
 BINS = 2
@@ -25,24 +32,24 @@ _PRIOR = 0.01
 
 @dataclass(frozen=True)
 class HeadOutput:
-    """Raw outputs for all anchors: logits (B, A, C), residuals (B, A, 7), bins (B, A, 2)."""
+    """Logits of all anchors (B, A, C), and the features of their cells (B, ny * nx, inputs)."""
 
     logits: Tensor
-    residuals: Tensor
-    directions: Tensor
+    features: Tensor
 
 
 class AnchorHead(nn.Module):
     """Three 1 × 1 convolutions; `anchors` (ny, nx, K, 7) are those of `anchor_grid`."""
 
     anchors: Tensor
+    rules: Tensor
     __call__: Callable[..., HeadOutput]
 
     def __init__(self, inputs: int, classes: Sequence[AnchorClass], anchors: Tensor) -> None:
         super().__init__()
         self.classes = tuple(classes)
         self.register_buffer("anchors", anchors, persistent=False)
-        self._grid = anchors  # stays on the CPU
+        self.register_buffer("rules", anchor_rules(classes), persistent=False)
         count = anchors.shape[2]
         self.conv_cls = nn.Conv2d(inputs, count * len(self.classes), 1)
         self.conv_box = nn.Conv2d(inputs, count * 7, 1)
@@ -51,66 +58,84 @@ class AnchorHead(nn.Module):
         nn.init.normal_(self.conv_box.weight, std=0.001)
 
     def forward(self, image: Tensor) -> HeadOutput:
-        """Feature map (B, inputs, ny, nx) to outputs of all anchors, in the order of `anchors`."""
-        # One matrix product in place of three 1 × 1 convolutions: they are slow on a CPU.
-        heads = (self.conv_cls, self.conv_box, self.conv_dir_cls)
+        """Score all anchors, in the order of `anchors`, by a feature map (B, inputs, ny, nx)."""
+        features = image.permute(0, 2, 3, 1).flatten(1, 2)
+        logits = self._linear(features, self.conv_cls)
+        return HeadOutput(logits.reshape(len(image), -1, len(self.classes)), features)
+
+    def raw_boxes(self, output: HeadOutput, index: Index = ALL) -> tuple[Tensor, Tensor]:
+        """Residuals (…, 7) and direction bins (…, 2) of some anchors, or of all, (B, A, …)."""
+        frame, anchor = index
+        heads = self.conv_box, self.conv_dir_cls
+        count = self.anchors.shape[2]
+        if isinstance(anchor, slice):
+            rows = self._linear(output.features, *heads)
+            residuals, directions = rows.split([count * 7, count * BINS], dim=-1)
+            frames = len(rows)
+            return residuals.reshape(frames, -1, 7), directions.reshape(frames, -1, BINS)
+        # Few anchors are near an object.
+        rows = self._linear(output.features[frame, anchor // count], *heads)
+        residuals, directions = rows.split([count * 7, count * BINS], dim=-1)
+        row, kind = torch.arange(len(rows), device=rows.device), anchor % count
+        parts = residuals.view(-1, count, 7), directions.view(-1, count, BINS)
+        return parts[0][row, kind], parts[1][row, kind]
+
+    def _linear(self, features: Tensor, *heads: nn.Conv2d) -> Tensor:
+        """One matrix product in place of 1 × 1 convolutions, which are slow on a CPU."""
         weight = torch.cat([head.weight.flatten(1) for head in heads])
         bias = torch.cat([cast(Tensor, head.bias) for head in heads])
-        rows = functional.linear(image.permute(0, 2, 3, 1), weight, bias)
         # Under autocast the features are coarser than boxes and losses may be.
-        rows = rows.to(self.anchors.dtype)
-        logits, residuals, directions = rows.split([head.out_channels for head in heads], dim=-1)
-        frames = len(image)
-        return HeadOutput(
-            logits.reshape(frames, -1, len(self.classes)),
-            residuals.reshape(frames, -1, 7),
-            directions.reshape(frames, -1, BINS),
-        )
+        return functional.linear(features, weight, bias).to(self.anchors.dtype)
 
-    def targets(self, boxes: Rows, labels: Rows) -> list[Targets]:
+    def targets(self, boxes: Rows, labels: Rows) -> AnchorTargets:
         """Compute what the anchors of each frame have to learn."""
-        frames = zip(boxes, labels, strict=True)
-        return [assign_targets(self._grid, self.classes, *objects) for objects in frames]
+        return assign_targets(self.anchors.float(), self.rules.float(), boxes, labels)
 
-    def loss(self, output: HeadOutput, targets: Sequence[Targets]) -> dict[str, Tensor]:
+    def loss(self, output: HeadOutput, targets: AnchorTargets) -> dict[str, Tensor]:
         """Compute "loss" and its parts classification, location, direction, means over frames.
 
         Each frame's losses are divided by its number of anchors with an object, at least 1."""
-        positives = torch.tensor([max(1, len(item.positive)) for item in targets])
-        share = (1 / positives.to(output.logits)) / len(targets)
-        label = torch.stack([item.labels for item in targets])
-        one_hot = functional.one_hot(label.clamp_min(0), len(self.classes) + 1)[..., 1:]
-        focal = sigmoid_focal_loss(output.logits, one_hot.to(output.logits))
-        weight = (label >= 0) * share[:, None]
+        label, logits = targets.labels, output.logits
+        positive = label > 0
+        share = (1 / positive.sum(dim=1).clamp_min(1).to(logits))[:, None] / len(label)
+        labels = torch.arange(1, len(self.classes) + 1, device=label.device)
+        focal = sigmoid_focal_loss(logits, (label[..., None] == labels).to(logits))
+        weight = (label >= 0) * share
         classification = (focal * weight[..., None]).sum()
-        rows = torch.cat([item.positive + i * label.shape[1] for i, item in enumerate(targets)])
-        row_share = share[rows // label.shape[1]]
-        anchors = self.anchors.reshape(-1, 7)[rows % label.shape[1]]
-        boxes = torch.cat([item.boxes for item in targets])
-        residuals = output.residuals.reshape(-1, 7)[rows]
-        location = sine_smooth_l1(residuals, encode(boxes, anchors)).sum(dim=1)
-        directions, expected = output.directions.reshape(-1, BINS)[rows], direction_bin(boxes[:, 6])
-        bins = functional.cross_entropy(directions, expected, reduction="none")
-        location = LOCATION_WEIGHT * (location * row_share).sum()
-        direction = DIRECTION_WEIGHT * (bins * row_share).sum()
+        anchors = self.anchors.reshape(-1, 7)[targets.index[1]]
+        residuals, directions = self.raw_boxes(output, targets.index)
+        location = sine_smooth_l1(residuals, encode(targets.boxes, anchors)).sum(dim=-1)
+        expected = direction_bin(targets.boxes[..., 6])
+        bins = functional.cross_entropy(
+            directions.reshape(-1, BINS), expected.flatten(), reduction="none"
+        ).view(expected.shape)
+        weight = (positive * share)[targets.index]
+        location = LOCATION_WEIGHT * (location * weight).sum()
+        direction = DIRECTION_WEIGHT * (bins * weight).sum()
         parts = {"classification": classification, "location": location, "direction": direction}
         return {"loss": classification + location + direction, **parts}
 
     def decode(self, output: HeadOutput) -> tuple[Tensor, Tensor]:
         """Decode logits (B, A, C) and boxes (B, A, 7); yaw is turned into the predicted half."""
-        anchors = self.anchors.reshape(1, -1, 7)
-        return output.logits, _boxes(output.residuals, output.directions, anchors)
+        return output.logits, _boxes(*self.raw_boxes(output), self.anchors.reshape(-1, 7))
 
-    def decode_likely(self, output: HeadOutput, lowest: float) -> list[tuple[Tensor, Tensor]]:
-        """Decode per frame the anchors with some logit of at least `lowest`, in their order.
+    def decode_likely(self, output: HeadOutput, lowest: float) -> tuple[Tensor, Tensor]:
+        """Decode the anchors with some logit of at least `lowest`, in their order.
 
-        Logits (P, C) and boxes (P, 7): few of the anchors are near an object."""
+        Logits (B, K, C), -∞ behind the last of a frame, and boxes (B, K, 7). On a GPU all anchors,
+        as its host would have to wait for the number."""
+        if not output.logits.is_cpu:
+            return self.decode(output)
         frame, anchor = (output.logits.amax(dim=2) >= lowest).nonzero(as_tuple=True)
+        counts = frame.bincount(minlength=len(output.logits))
+        place = frame, torch.arange(len(frame)) - (counts.cumsum(0) - counts)[frame]
+        shape = len(counts), int(counts.max())
+        logits = output.logits.new_full((*shape, len(self.classes)), -torch.inf)
+        boxes = logits.new_zeros(*shape, 7)
+        logits[place] = output.logits[frame, anchor]
         anchors = self.anchors.reshape(-1, 7)[anchor]
-        boxes = _boxes(output.residuals[frame, anchor], output.directions[frame, anchor], anchors)
-        counts = frame.bincount(minlength=len(output.logits)).tolist()
-        logits = output.logits[frame, anchor]
-        return list(zip(logits.split(counts), boxes.split(counts), strict=True))
+        boxes[place] = _boxes(*self.raw_boxes(output, (frame, anchor)), anchors)
+        return logits, boxes
 
 
 def _boxes(residuals: Tensor, directions: Tensor, anchors: Tensor) -> Tensor:

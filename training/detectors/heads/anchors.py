@@ -1,4 +1,4 @@
-"""Anchors: the boxes that an anchor head refines, and which objects they are trained on."""
+"""Anchors: the boxes that an anchor head refines."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,11 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lidarplace.base.kernel_cache import njit
 from training.detectors.backbones.backbone_2d import BackboneSettings
 from training.detectors.detector import PointRange
-from training.detectors.heads.box_coder import limit_period
-from training.detectors.heads.losses import Targets
 from training.typical_objects import TypicalObject
 
 
@@ -101,81 +98,3 @@ def anchor_grid(
             rest[0] += rest[3] / 2
             anchors.append(torch.cat([torch.stack([x, y], -1), rest.expand(*x.shape, 5)], -1))
     return torch.stack(anchors, dim=2)
-
-
-def _halves(boxes: Tensor) -> Tensor:
-    """Half the sides along x and along y of the turned boxes, (2, N)."""
-    sides = boxes[:, 3:5].T
-    across = limit_period(boxes[:, 6], 0.5, math.pi).abs() >= math.pi / 4
-    return torch.where(across, sides.flip(0), sides) / 2
-
-
-def assign_targets(
-    anchors: Tensor, classes: Sequence[AnchorClass], boxes: Tensor, labels: Tensor
-) -> Targets:
-    """Give every anchor (ny, nx, K, 7) on a CPU an object of its class, background, or neither.
-
-    As OpenPCDet's AxisAlignedTargetAssigner: an anchor takes the object that it overlaps most if
-    that is at least `matched`; each object's best anchors learn whatever the overlap. Overlap is
-    the IoU from above of boxes turned to the nearest multiple of 90 degrees.
-
-    The objects of the frame are boxes (M, 7) and labels (M,), from 1 in order of `classes`. Returns
-    targets where they are."""
-    label_of, objects = labels.cpu().numpy(), boxes.to(anchors)
-    places, sides = objects[:, :2].T, _halves(objects)
-    edges = torch.cat([places - sides, places + sides]).numpy()
-    x, y = anchors[0, :, :, 0].numpy(), anchors[:, 0, :, 1].numpy()
-    halves = _halves(anchors[0, 0]).numpy()
-    result = np.full(anchors.shape[:3], -1, np.int64)
-    chosen = np.empty(anchors.shape[:3], np.int64)
-    first = 0
-    for label, item in enumerate(classes, 1):
-        part = slice(first, first + len(item.rotations))
-        first = part.stop
-        rows = np.flatnonzero(label_of == label)
-        best, target, forced = _overlaps(x[:, part], y[:, part], halves[:, part], edges, rows)
-        view = result[:, :, part]
-        view[best < item.unmatched] = 0
-        view[forced | (best >= item.matched)] = label
-        chosen[:, :, part] = target
-    flat = result.ravel()
-    positive = np.flatnonzero(flat > 0)
-    arrays = (flat, positive, chosen.ravel()[positive])
-    learnt, learning, taken = (torch.from_numpy(item).to(boxes.device) for item in arrays)
-    return Targets(learnt, learning, boxes[taken])
-
-
-@njit(cache=True, error_model="numpy")
-def _overlaps(x, y, halves, edges, objects):
-    """Largest overlap of each anchor, with which object, and whether it is that one's best.
-
-    Anchors have `x` (nx, R) by column and `y` (ny, R) by row of the grid, and half their sides in
-    `halves` (2, R); `edges` (4, M) are lowest x and y, then highest, of all objects."""
-    shape = len(y), len(x), x.shape[1]
-    best = np.zeros(shape, x.dtype)
-    target = np.zeros(shape, np.int64)
-    forced = np.zeros(shape, np.bool_)
-    least = x.dtype.type(1e-6)
-    for m in objects:
-        x0, y0, x1, y1 = edges[:, m]
-        area = (x1 - x0) * (y1 - y0)
-        most = x.dtype.type(0)
-        for again in range(2):  # the second time to mark those with the largest overlap
-            for line in range(shape[2] * shape[0]):
-                k, i = line // shape[0], line % shape[0]
-                hx, hy = halves[:, k]
-                low, high = y[i, k] - hy, y[i, k] + hy
-                side, dy = high - low, min(y1, high) - max(y0, low)
-                for j in range(shape[1] if dy > 0 else 0):
-                    low, high = x[j, k] - hx, x[j, k] + hx
-                    dx = min(x1, high) - max(x0, low)
-                    if not dx > 0:
-                        continue
-                    common = dx * dy
-                    overlap = common / max(area + (high - low) * side - common, least)
-                    most = max(most, overlap)
-                    if again and overlap == most:
-                        forced[i, j, k] = True
-                    if overlap > best[i, j, k]:
-                        best[i, j, k], target[i, j, k] = overlap, m
-    return best, target, forced

@@ -1,4 +1,4 @@
-"""Losses of the heads, and what anchors and points learn."""
+"""Losses of the heads, and what points learn."""
 
 from dataclasses import dataclass
 
@@ -11,9 +11,9 @@ BETA = 1 / 9  # where smooth L1 turns from a square into a line
 
 @dataclass(frozen=True)
 class Targets:
-    """Targets of the anchors of a frame, or of the points of a batch."""
+    """Targets of the points of a batch."""
 
-    labels: Tensor  # label of the object, 0 for background, -1 for neither, shape (A,), int64
+    labels: Tensor  # label of the object, 0 for background, -1 for neither, shape (N,), int64
     positive: Tensor  # those with an object, shape (P,), int64
     boxes: Tensor  # their objects, shape (P, 7)
 
@@ -29,12 +29,12 @@ def sigmoid_focal_loss(logits: Tensor, targets: Tensor, alpha: float = 0.25) -> 
 
 
 def sine_smooth_l1(predicted: Tensor, target: Tensor) -> Tensor:
-    """Smooth L1 loss of residuals (P, 7), shape (P, 7), with sin(Δyaw) in place of Δyaw.
+    """Smooth L1 loss of residuals (…, 7), same shape, with sin(Δyaw) in place of Δyaw.
 
     SECOND (Sensors 2018), section 3.2.2: a box turned by 180° costs nothing."""
     difference = predicted - target
     # The form of upstream, sin a cos b - cos a sin b, loses digits that sin(a - b) keeps.
-    difference = torch.cat([difference[:, :6], torch.sin(difference[:, 6:])], dim=1)
+    difference = torch.cat([difference[..., :6], torch.sin(difference[..., 6:])], dim=-1)
     return functional.smooth_l1_loss(
         difference, torch.zeros_like(difference), reduction="none", beta=BETA
     )

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -10,7 +11,7 @@ from torch.nn import functional
 
 from training.detectors.detector import Rows
 from training.detectors.heads.box_coder import decode, encode
-from training.detectors.heads.losses import BETA, Targets, sigmoid_focal_loss
+from training.detectors.heads.losses import BETA, sigmoid_focal_loss
 from training.detectors.layers import PaddedBatchNorm, precise
 from training.ops.points_in_boxes import box_of_points
 
@@ -18,22 +19,25 @@ EXTRA = 0.2
 """Points this near outside an object, counting both sides, learn neither it nor background, m."""
 
 
-def point_targets(xyz: Tensor, counts: Tensor, boxes: Rows, labels: Rows) -> Targets:
-    """Give each of the points (N, 3), `counts` (B,) a frame, the object in which it lies.
+class PointTargets(NamedTuple):
+    """Targets of the points of a batch."""
+
+    labels: Tensor  # label of the object, 0 for background, -1 for neither, shape (N,), int64
+    boxes: Tensor  # box of the object, zeros without one, shape (N, 7)
+
+
+def point_targets(xyz: Tensor, counts: Sequence[int], boxes: Rows, labels: Rows) -> PointTargets:
+    """Find the object in which each of the points (N, 3), `counts` of each frame, lies.
 
     The objects of a frame are `boxes` (M, 7) and `labels` (M,), from 1."""
-    targets, first = [], 0
-    frames = zip(xyz.split(counts.tolist()), boxes, labels, strict=True)
-    for points, frame_boxes, frame_labels in frames:
-        box = box_of_points(points, frame_boxes)
-        wide = frame_boxes.clone()
-        wide[:, 3:6] += EXTRA
-        inside = torch.nonzero(box >= 0).flatten()
-        label = torch.where(box_of_points(points, wide) >= 0, -1, 0)
-        label[inside] = frame_labels[box[inside]]
-        targets.append((label, inside + first, frame_boxes[box[inside]]))
-        first += len(points)
-    return Targets(*map(torch.cat, zip(*targets, strict=True)))
+    row = box_of_points(xyz, counts, boxes)
+    extra = boxes[0].new_zeros(7)
+    extra[3:6] = EXTRA
+    near = box_of_points(xyz, counts, [frame + extra for frame in boxes])
+    # A point without an object has row -1, the last one.
+    objects = torch.cat([*boxes, boxes[0].new_zeros(1, 7)])
+    label = torch.cat([*labels, labels[0].new_zeros(1)])[row]
+    return PointTargets(torch.where((near >= 0) & (row < 0), -1, label), objects[row])
 
 
 def point_layers(inputs: int, hidden: Sequence[int], outputs: int) -> nn.Sequential:
@@ -46,7 +50,7 @@ def point_layers(inputs: int, hidden: Sequence[int], outputs: int) -> nn.Sequent
 
 
 def segmentation_loss(logits: Tensor, labels: Tensor) -> Tensor:
-    """Focal loss of logits (N, C) and labels (N,) of Targets, over the points on objects.
+    """Focal loss of logits (N, C) and labels (N,) of PointTargets, over the points on objects.
 
     With C = 1 all labels above 0 are the same."""
     classes = logits.shape[1]
@@ -104,11 +108,12 @@ class PointHeadBox(nn.Module):
         sizes = self.sizes[output.logits.argmax(dim=1)]
         return decode_points(output.residuals, xyz, sizes)
 
-    def loss(self, output: PointOutput, targets: Targets, xyz: Tensor) -> dict[str, Tensor]:
+    def loss(self, output: PointOutput, targets: PointTargets, xyz: Tensor) -> dict[str, Tensor]:
         """Compute "point_cls" and "point_box", both over the number of points on objects."""
-        sizes = self.sizes[targets.labels[targets.positive] - 1]
-        expected = encode_points(targets.boxes, xyz[targets.positive], sizes)
-        residuals = output.residuals[targets.positive]
+        rows = torch.nonzero(targets.labels > 0).flatten()
+        sizes = self.sizes[targets.labels[rows] - 1]
+        expected = encode_points(targets.boxes[rows], xyz[rows], sizes)
+        residuals = output.residuals[rows]
         if self.either_way:
             backwards = (residuals * expected)[:, 6:].sum(dim=1, keepdim=True) < 0
             yaw = torch.where(backwards, -expected[:, 6:], expected[:, 6:])
@@ -116,7 +121,7 @@ class PointHeadBox(nn.Module):
         box = functional.smooth_l1_loss(residuals, expected, reduction="sum", beta=BETA)
         return {
             "point_cls": segmentation_loss(output.logits, targets.labels),
-            "point_box": box / max(1, len(targets.positive)),
+            "point_box": box / max(1, len(rows)),
         }
 
 

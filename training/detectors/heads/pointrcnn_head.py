@@ -14,8 +14,8 @@ from training.detectors.backbones.set_abstraction import GlobalAbstraction
 from training.detectors.heads.roi_box_coder import turned
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
 from training.detectors.layers import RowConv1d, RowConv2d, precise, row_layers
-from training.ops.grouping import chunks, first_hits, group
-from training.ops.points_in_boxes import inside_boxes
+from training.ops.grouping import group
+from training.ops.points_in_boxes import points_of_boxes
 
 DEPTH_SCALE = 70.0  # a point's distance from the sensor enters as a share of this, metres
 
@@ -37,7 +37,7 @@ class ScoredPoints:
     """The points of a batch as the first stage leaves them, frame after frame."""
 
     xyz: Tensor  # (N, 3), metres
-    counts: Tensor  # points of each frame, (B,), int64
+    counts: Sequence[int]  # points of each frame
     features: Tensor  # (N, C)
     scores: Tensor  # largest probability of a class, (N,)
 
@@ -69,7 +69,7 @@ class PointRCNNHead(RoiHead):
         xyz, features = pooled[..., :3], pooled[..., 5:].flatten(0, 1)
         local = self.xyz_up_layer(pooled[..., :5].flatten(0, 1))
         features = self.merge_down_layer(torch.cat([local, features], dim=1))
-        counts = rois.new_full((len(pooled),), self.points).long()
+        counts = [self.points] * len(pooled)
         xyz, _, features = self.SA_modules.descend(xyz.flatten(0, 1), counts, features)[-1]
         shape = len(pooled), xyz.shape[0] // len(pooled)
         whole = self.SA_modules[-1](xyz.view(*shape, 3), features.view(*shape, -1))
@@ -84,34 +84,31 @@ class PointRCNNHead(RoiHead):
         depth = torch.linalg.vector_norm(points.xyz, dim=1) / DEPTH_SCALE - 0.5
         scores_and_depths = torch.stack([points.scores, depth], dim=1)
         rows = torch.cat([scores_and_depths, points.features.to(depth.dtype)], dim=1)
-        parts = (part.split(points.counts.tolist()) for part in (points.xyz, rows))
-        frames = []
-        for frame_rois, xyz, features in zip(rois, *parts, strict=True):
-            pooled, empty = pool_points(xyz, features, frame_rois, self.points, self.margin)
-            place = turned(pooled[..., :3] - frame_rois[:, None, :3], -frame_rois[:, 6])
-            pooled = torch.cat([place, pooled[..., 3:]], dim=2)
-            frames.append(pooled.masked_fill(empty[:, None, None], 0))
-        return torch.cat(frames)
+        pooled, empty = pool_points(points.xyz, points.counts, rows, rois, self.points, self.margin)
+        rois = rois.flatten(0, 1)
+        place = turned(pooled[..., :3] - rois[:, None, :3], -rois[:, 6])
+        pooled = torch.cat([place, pooled[..., 3:]], dim=2)
+        return pooled.masked_fill_(empty[:, None, None], 0)
 
 
 def pool_points(
-    points: Tensor, features: Tensor, boxes: Tensor, samples: int, extra: float
+    points: Tensor,
+    counts: Sequence[int],
+    features: Tensor,
+    boxes: Tensor,
+    samples: int,
+    extra: float,
 ) -> tuple[Tensor, Tensor]:
-    """Pool the first S of the finite points (N, 3) of a frame, in their order, in each box (R, 7).
+    """Pool the first S of the finite points of a frame, in their order, in each box (B, R, 7).
 
     OpenPCDet's roipoint_pool: a box with fewer repeats them in their order; `extra` metres are
-    added to its sides before.
+    added to its sides before. Points (N, 3) are frame after frame, `counts` of them.
 
-    Returns coordinates and features, (R, S, 3 + C), zeros where there is no point; and which boxes
-    are empty, (R,) bool. Gradients flow to `features` (N, C)."""
+    Returns coordinates and features, (B * R, S, 3 + C), zeros where there is no point; and which
+    boxes are empty, (B * R,) bool. Gradients flow to `features` (N, C)."""
     large = boxes.detach().to(points).clone()
-    large[:, 3:6] += extra
-    idx = torch.zeros(len(boxes), samples, dtype=torch.int64, device=points.device)
-    counts = torch.zeros(len(boxes), dtype=torch.int64, device=points.device)
-    for part in chunks(len(boxes), len(points)):
-        idx[part], counts[part] = first_hits(inside_boxes(points.detach(), large[part]), samples)
-    turn = torch.arange(samples, device=points.device) % counts.clamp_min(1)[:, None]
-    idx, empty = idx.gather(1, turn), counts == 0
+    large[..., 3:6] += extra
+    idx, empty = points_of_boxes(points, counts, large, samples)
     pooled = torch.cat([group(points, idx), group(features, idx)], dim=2)
     return pooled.masked_fill(empty[:, None, None], 0), empty
 

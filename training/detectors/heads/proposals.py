@@ -1,6 +1,5 @@
 """Proposals: the boxes of a first stage that a second stage looks at again."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -8,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from training.ops.nms import nms
+from training.ops.nms import nms, rows_of
 
 
 @dataclass(frozen=True)
@@ -29,25 +28,20 @@ class Proposals(NamedTuple):
 
 
 @torch.no_grad()
-def propose(
-    logits: Iterable[Tensor], boxes: Iterable[Tensor], suppression: Suppression
-) -> Proposals:
-    """Choose the best of `boxes` (A, 7) with `logits` (A, C) of every frame, best first.
+def propose(logits: Tensor, boxes: Tensor, suppression: Suppression) -> Proposals:
+    """Choose the best of `boxes` (B, A, 7) with `logits` (B, A, C) of every frame, best first.
 
     Suppression is class-agnostic. A box that is not finite cannot be looked at again and is no
     proposal."""
-    frames = [_propose_in_frame(*frame, suppression) for frame in zip(logits, boxes, strict=True)]
-    return Proposals(*map(torch.stack, zip(*frames, strict=True)))
-
-
-def _propose_in_frame(logits: Tensor, boxes: Tensor, suppression: Suppression) -> Proposals:
-    scores, labels = logits.max(dim=1)
-    usable = torch.nonzero(boxes.isfinite().all(dim=1) & scores.isfinite()).flatten()
+    scores, labels = logits.max(dim=2)
+    usable = boxes.isfinite().all(dim=2) & scores.isfinite()
     rules = suppression.nms, suppression.pre, suppression.post
-    rows = usable[nms(boxes[usable], scores[usable], *rules)]
-    fill = 0, suppression.post - len(rows)
+    rows, counts = nms(boxes, scores.masked_fill(~usable, -torch.inf), *rules)
+    filling = torch.arange(rows.shape[1], device=rows.device) >= counts[:, None]
+    fill = 0, suppression.post - rows.shape[1]
     return Proposals(
-        functional.pad(boxes[rows], (0, 0, *fill)),
-        functional.pad(scores[rows], fill),
-        functional.pad(labels[rows], fill) + 1,  # labels of the filling are 1, as upstream
+        functional.pad(rows_of(boxes, rows).masked_fill(filling[..., None], 0), (0, 0, *fill)),
+        functional.pad(rows_of(scores, rows).masked_fill(filling, 0), fill),
+        # Labels of the filling are 1, as upstream.
+        functional.pad(rows_of(labels, rows).masked_fill(filling, 0), fill) + 1,
     )

@@ -12,6 +12,7 @@ from training.detectors.backbones.voxel_set_abstraction import Keypoints
 from training.detectors.heads.roi_box_coder import roi_grid
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
 from training.detectors.layers import RowConv1d, precise, row_layers
+from training.ops.grouping import stacked_counts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,10 +55,10 @@ class PvRcnnHead(RoiHead):
         places = roi_grid(rois.flatten(0, 1), self.grid)
         pooled = self.roi_grid_pool_layer(
             keypoints.xyz,
-            keypoints.counts,
+            stacked_counts(keypoints.counts, rois.device),
             keypoints.features * foreground,
             places.flatten(0, 1),
-            torch.full_like(keypoints.counts, count * self.grid**3),
+            rois.new_full((frames,), count * self.grid**3, dtype=torch.int64),
         )
         # Grid points last, in the order of OpenPCDet's weights.
         rows = pooled.view(frames * count, self.grid**3, -1).transpose(1, 2).flatten(1)

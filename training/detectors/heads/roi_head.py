@@ -1,7 +1,7 @@
 """Base of the second stages: proposals, their sample, losses, refined boxes, detections."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import torch
@@ -14,6 +14,7 @@ from training.detectors.heads.proposals import Proposals, Suppression, propose
 from training.detectors.heads.roi_box_coder import decode_in_rois, encode_in_rois, turned
 from training.detectors.heads.roi_targets import RoiSampling, RoiTargets
 from training.detectors.heads.selection import detections, select_rows
+from training.ops.nms import rows_of
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class RoiHead(nn.Module):
         super().__init__()
         self.settings = settings
 
-    def propose(self, logits: Iterable[Tensor], boxes: Iterable[Tensor]) -> Proposals:
+    def propose(self, logits: Tensor, boxes: Tensor) -> Proposals:
         """Propose boxes by the settings for training, or for evaluation."""
         return propose(logits, boxes, self.settings.train if self.training else self.settings.test)
 
@@ -61,14 +62,16 @@ class RoiHead(nn.Module):
         losses = {"rcnn_cls": (cross_entropy * scored).sum() / scored.sum().clamp_min(1)}
         if output.residuals is None:
             return losses
-        rows = torch.nonzero(targets.regress.flatten()).flatten()
-        count = max(1, len(rows))
-        residuals = output.residuals[rows]
-        rois, boxes = (part.flatten(0, 1)[rows] for part in (targets.rois.boxes, targets.boxes))
+        # All RoIs, as a GPU's host would have to wait for the number of those that learn a box.
+        learns = targets.regress.flatten()
+        residuals = output.residuals.where(learns[:, None], 0)
+        rois, boxes = (part.flatten(0, 1) for part in (targets.rois.boxes, targets.boxes))
         expected = encode_in_rois(boxes, rois)
-        box = functional.smooth_l1_loss(residuals, expected, reduction="sum", beta=BETA)
-        corner = corner_loss(decode_in_rois(residuals, rois), boxes).sum()
-        return losses | {"rcnn_reg": box / count, "rcnn_corner": corner / count}
+        box = functional.smooth_l1_loss(residuals, expected, reduction="none", beta=BETA)
+        corner = corner_loss(decode_in_rois(residuals, rois), boxes)
+        count = learns.sum().clamp_min(1)
+        means = ((part * learns).sum() / count for part in (box.sum(dim=1), corner))
+        return losses | dict(zip(("rcnn_reg", "rcnn_corner"), means, strict=True))
 
     def refine(self, output: RoiOutput, rois: Tensor) -> Tensor:
         """Boxes of the second stage for RoIs (B, R, 7), same shape."""
@@ -84,13 +87,17 @@ class RoiHead(nn.Module):
         What fills up the proposals is no detection, nor a box that is not finite."""
         refined = self.refine(output, proposals.boxes)
         real = (proposals.boxes[..., 3:6] > 0).all(dim=-1) & refined.isfinite().all(dim=-1)
-        parts = (refined, output.logits.view(proposals.scores.shape), proposals.labels)
-        frames = []
-        for usable, *frame in zip(real, *parts, strict=True):
-            boxes, logits, labels = (part[usable] for part in frame)
-            rows = select_rows(logits, boxes, selection)
-            frames.append({**detections(boxes, logits, labels, rows), "refined": boxes})
-        return frames
+        logits = output.logits.view(real.shape).masked_fill(~real, -torch.inf)
+        rows, counts = select_rows(logits, refined, selection)
+        order = real.logical_not().byte().argsort(dim=1, stable=True)
+        # The only wait for a GPU.
+        detected, proposed = torch.stack([counts, real.sum(dim=1)]).tolist()
+        frames = detections(refined, logits, proposals.labels, rows, detected)
+        usable = zip(rows_of(refined, order), proposed, strict=True)
+        return [
+            frame | {"refined": boxes[:count]}
+            for frame, (boxes, count) in zip(frames, usable, strict=True)
+        ]
 
 
 def corner_loss(boxes: Tensor, expected: Tensor) -> Tensor:
@@ -99,7 +106,7 @@ def corner_loss(boxes: Tensor, expected: Tensor) -> Tensor:
     Qi et al., Frustum PointNets, CVPR 2018, section 4.4: a corner may be near the one of the
     expected box or of that box turned by 180°."""
     corners = _corners(boxes)
-    half_turn = expected + expected.new_tensor([0, 0, 0, 0, 0, 0, math.pi])
+    half_turn = torch.cat([expected[:, :6], expected[:, 6:] + math.pi], dim=1)
     distance = torch.minimum(
         torch.linalg.vector_norm(corners - _corners(expected), dim=-1),
         torch.linalg.vector_norm(corners - _corners(half_turn), dim=-1),
@@ -109,6 +116,6 @@ def corner_loss(boxes: Tensor, expected: Tensor) -> Tensor:
 
 def _corners(boxes: Tensor) -> Tensor:
     """The corners (P, 8, 3) of boxes (P, 7)."""
-    half = boxes.new_tensor([-0.5, 0.5])
+    half = torch.arange(2, dtype=boxes.dtype, device=boxes.device) - 0.5
     offsets = torch.cartesian_prod(half, half, half) * boxes[:, None, 3:6]
     return turned(offsets, boxes[:, 6]) + boxes[:, None, :3]

@@ -5,10 +5,13 @@ from typing import Literal
 
 import torch
 from torch import Tensor
+from torch.nn import functional
+from torch.nn.utils.rnn import pad_sequence
 
 from training.detectors.detector import Rows
 from training.detectors.heads.proposals import Proposals
 from training.ops.box_overlap import iou_3d
+from training.ops.nms import rows_of
 
 
 @dataclass(frozen=True)
@@ -47,11 +50,17 @@ def sample_rois(
 
     As OpenPCDet's ProposalTargetLayer: foreground without replacement, background with. The objects
     of a frame are `boxes` (M, 7) and `labels` (M,), from 1."""
-    frames = zip(*proposals, boxes, labels, strict=True)
-    samples = [_sample_in_frame(Proposals(*frame[:3]), *frame[3:], sampling) for frame in frames]
-    *rois, objects, iou = map(torch.stack, zip(*samples, strict=True))
+    # One more box, of zeros and no class: a maximum needs something to choose from.
+    objects = functional.pad(pad_sequence(list(boxes), batch_first=True), (0, 0, 0, 1))
+    objects = objects.to(proposals.boxes)
+    object_labels = functional.pad(pad_sequence(list(labels), batch_first=True), (0, 1))
+    same = proposals.labels[..., None] == object_labels[:, None].to(proposals.labels)
+    iou, best = (iou_3d(proposals.boxes, objects) * same).max(dim=2)
+    drawn = torch.stack([_draw(frame, sampling) for frame in iou.cpu()])
+    rows = drawn.to(iou.device, non_blocking=True)
+    rois, iou = Proposals(*(rows_of(part, rows) for part in proposals)), rows_of(iou, rows)
     scores, regress = score_targets(iou, sampling), iou > sampling.regression
-    return RoiTargets(Proposals(*rois), objects, scores, regress)
+    return RoiTargets(rois, rows_of(objects, rows_of(best, rows)), scores, regress)
 
 
 def score_targets(iou: Tensor, sampling: RoiSampling) -> Tensor:
@@ -59,22 +68,7 @@ def score_targets(iou: Tensor, sampling: RoiSampling) -> Tensor:
     low, high = sampling.cls_background, sampling.cls_foreground
     if sampling.score == "roi_iou":
         return ((iou - low) / (high - low)).clamp(0, 1)
-    target = (iou > high).to(iou)
-    target[(iou > low) & (iou < high)] = -1
-    return target
-
-
-def _sample_in_frame(
-    proposals: Proposals, boxes: Tensor, labels: Tensor, sampling: RoiSampling
-) -> tuple[Tensor, ...]:
-    """The sample of one frame, its objects (R, 7) and IoU (R,)."""
-    boxes, labels = boxes.to(proposals.boxes), labels.to(proposals.labels)
-    if len(boxes) == 0:  # a maximum needs something to choose from
-        boxes, labels = boxes.new_zeros(1, 7), labels.new_zeros(1)
-    same = proposals.labels[:, None] == labels
-    iou, best = (iou_3d(proposals.boxes, boxes) * same).max(dim=1)
-    rows = _draw(iou.cpu(), sampling).to(iou.device)
-    return *(part[rows] for part in proposals), boxes[best[rows]], iou[rows]
+    return (iou > high).to(iou).masked_fill((iou > low) & (iou < high), -1)
 
 
 def _draw(iou: Tensor, sampling: RoiSampling) -> Tensor:
