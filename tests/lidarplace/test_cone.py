@@ -96,6 +96,52 @@ def test_columns_and_voxels_agree_over_several_tiles_and_words(mount, lidar):
     assert_columns_and_voxels_agree(mount, lidar, WIDE)
 
 
+def seen_points(mount, lidar, azimuths, distances):
+    """Points of the cones within range and field of view, shape (points, 3)."""
+    spread = np.linspace(*lidar.azimuth, azimuths)
+    along = np.linspace(0, min(lidar.range, 9.0), distances)
+    cosine, sine = np.cos(lidar.elevations)[:, None], np.sin(lidar.elevations)[:, None]
+    directions = np.stack(
+        np.broadcast_arrays(cosine * np.cos(spread), cosine * np.sin(spread), sine), axis=-1
+    )
+    directions = directions.reshape(-1, 1, 3) @ mount.rotation.T
+    return (mount.position + directions * along[:, None]).reshape(-1, 3)
+
+
+@given(mounts, st.booleans().flatmap(lidars))
+@settings(max_examples=60)
+def test_voxels_that_are_not_covered_hold_no_point_of_a_cone(mount, lidar):
+    """Independent of both algorithms."""
+    covered = coverage(Placement("one", [mount], lidar=lidar), ROI)
+    cells = (seen_points(mount, lidar, 300, 150) - ROI.minimum) / ROI.resolution
+    cells = cells[((cells >= 0) & (cells < ROI.shape)).all(axis=1)].astype(int)
+    assert covered[tuple(cells.T)].all()
+
+
+@pytest.mark.parametrize(
+    ("mount", "lidar"),
+    [
+        (Mount(-0.3, 0.1, 1.3, roll=0.2), Lidar((-0.3, 0.1), 720)),
+        (Mount(0.4, 0.1, 1.3, 0.3, 0.4), Lidar((-0.2,), 720, range=1.7)),
+        (Mount(1.4, 0.1, 1.0, 0.1), Lidar((-0.2, 0.9), 720, 1.2, azimuth=(1.0, 5.0))),
+        (Mount(0.4, 0.1, 1.3, 0.3, 0.4), Lidar((-0.2, 0.9), 720, 1.7, azimuth=(-0.4, 0.9))),
+    ],
+)
+def test_every_covered_voxel_has_a_point_of_a_cone_at_hand(mount, lidar):
+    """Converse of the above: every covered voxel nearly touches a point of a cone."""
+    covered = np.argwhere(coverage(Placement("one", [mount], lidar=lidar), ROI))
+    azimuths, distances = (round(n * min(lidar.range / 4, 1.0)) for n in (2000, 700))
+    points = (seen_points(mount, lidar, azimuths, distances) - ROI.minimum) / ROI.resolution
+    points = points[((points > -0.04) & (points < np.array(ROI.shape) + 0.04)).all(axis=1)]
+    near = np.zeros(ROI.shape, bool)
+    for shift in np.array([*np.ndindex(2, 2, 2)]) * 0.08 - 0.04:
+        cells = np.floor(points + shift).astype(int)
+        cells = cells[((cells >= 0) & (cells < ROI.shape)).all(axis=1)]
+        near[tuple(cells.T)] = True
+    assert len(covered) > 50
+    assert near[tuple(covered.T)].all()
+
+
 def test_only_tiles_that_matter_are_filled():
     placement = PAPER_PLACEMENTS["line_roll"]
     for axis_tilt in (0.0, 1.4):  # columns along z, and along y

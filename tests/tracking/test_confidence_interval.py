@@ -56,6 +56,20 @@ def test_kendalls_width_is_that_of_its_distribution():
 
 
 @pytest.mark.parametrize("coefficient", COEFFICIENTS)
+@pytest.mark.parametrize(("n", "rho"), [(6, 0.5), (8, 0.9), (12, -0.95), (20, 0.0)])
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_coverage_in_normal_populations(coefficient, n, rho, noise):
+    x, y = normal_samples(rho, n, 3, noise, times=1500)
+    low, high = intervals(x, y, coefficient).T
+    true = TRUTH[coefficient](rho)
+    covered = np.mean((low <= true) & (true <= high))
+    # 95 % within 2.5 points, and three standard errors of 1,500 samples (0.56 points each); tau
+    # and rho of few placements take few values, and cover more than they should.
+    assert covered >= 0.925 - 0.017
+    assert covered <= (0.975 + 0.012 if coefficient == "pearson" else 1.0)
+
+
+@pytest.mark.parametrize("coefficient", COEFFICIENTS)
 def test_heavy_noise_of_seeds_is_corrected_for(coefficient):
     """Two seeds with as much noise as placements differ: the raw coefficient is far too small."""
     x, y = normal_samples(0.9, 20, 2, 1.0, times=1000)

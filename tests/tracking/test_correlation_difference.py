@@ -89,6 +89,18 @@ def test_two_surrogates_pay_nothing_for_the_choice_and_five_do():
 
 
 @pytest.mark.parametrize("n", [8, 20])
+@pytest.mark.parametrize("pair", [(0.8, 0.8, 0.5), (0.8, 0.4, 0.3), (0.9, 0.0, 0.0)])
+def test_coverage(n, pair):
+    """A percentile bootstrap covers 30 to 40 % of the last, and 100 % of the first."""
+    x, y, order = populations(pair[:2], pair[2], n, 3, times=1000)
+    low, high = strength_leads(x, y)[:, 0].T
+    truth = 6 / np.pi * np.arcsin(np.array(pair[:2]) / 2)
+    lead = truth[order[:, 0]] - truth[order[:, 1]]
+    # 95 % less 3.5, and three standard errors of 1,000 samples.
+    assert np.mean((low <= lead) & (lead <= high)) > 0.915 - 0.021
+
+
+@pytest.mark.parametrize("n", [8, 20])
 def test_the_strongest_of_five_equals_is_seldom_told_from_another(n):
     """Without regard to the choice it is in every fourth sample."""
     x, y, _ = populations((0.8,) * 5, 0.7, n, 3, times=1000)

@@ -99,6 +99,23 @@ def study(random, placements=4, seeds=3, units=12, shared=3.0, own=2.0, noise=0.
     return results, pd.concat(left_out).assign(**fixed)
 
 
+def test_intervals_hold_the_truth_of_other_test_objects():
+    random = np.random.default_rng(1)
+    mean_held, lead_held, said = ({True: [], False: []} for _ in range(3))
+    for _ in range(16):
+        results, left_out = study(random)
+        for has_left_out in (True, False):
+            table = left_out if has_left_out else None
+            means = seed_means(results, left_out=table)
+            mean_held[has_left_out].append(((means["low"] <= 50) & (means["high"] >= 50)).mean())
+            best = best_placement(results, left_out=table)
+            lead_held[has_left_out].append((best.others["low"] <= 0).all())
+            said[has_left_out].append(best.sure.iloc[0])
+    assert np.mean(mean_held[True]) > 0.9 > 0.6 > np.mean(mean_held[False])
+    assert np.mean(lead_held[True]) > 0.9 > 0.8 > np.mean(lead_held[False])
+    assert np.mean(said[True]) < np.mean(said[False]) - 0.05  # the best of equals is one of four
+
+
 def test_an_interval_by_hand():
     results, left_out = study(np.random.default_rng(2), placements=2)
     best = best_placement(results, left_out=left_out)

@@ -1,4 +1,4 @@
-"""The probability of being the best: quadrature and draws from the prior."""
+"""The probability of being the best: brute force, and worlds drawn from the prior."""
 
 import numpy as np
 import pandas as pd
@@ -58,13 +58,24 @@ def test_unequal_seeds_by_weighted_draws_from_the_prior():
     brute = np.bincount(truth.argmax(axis=0), weight) / weight.sum()
     # Some 2,600 draws' worth of weight: four standard errors.
     assert probability(y) == pytest.approx(brute, abs=0.04)
-    regret = truth.max(axis=0) - truth
-    table = np.array([[1.0, 2, 4], [3.0, 5, 7], [4.0, 5.5, np.nan]])
-    means = np.nanmean(table, axis=1)
-    for lost, said in zip(regret, expected_regret(means, Noise.of(table), np.eye(3)), strict=True):
-        order = np.argsort(lost)
-        ends = np.interp([0.025, 0.975], np.cumsum(weight[order]) / weight.sum(), lost[order])
-        assert said == pytest.approx([np.average(lost, weights=weight), *ends], abs=0.08)
+
+
+def test_it_happens_as_often_as_said():
+    """Worlds drawn from the prior; a flat prior would say 0.11 more than happens."""
+    rng = np.random.default_rng(1)
+    claims, right, n, seeds = [], [], 6, 3
+    for i in range(1500):
+        between = np.abs(rng.standard_cauchy()) / np.sqrt(seeds)
+        truth = between * rng.standard_normal(n)
+        y = truth[:, None] + rng.standard_normal((n, seeds))
+        odds = probability(y, seed=i, draws=500)
+        best = y.mean(axis=1).argmax()
+        claims.append(odds[best])
+        right.append(truth.argmax() == best)
+    assert np.mean(claims) == pytest.approx(np.mean(right), abs=3 * 0.5 / np.sqrt(len(claims)))
+    sure = np.array(claims) > 0.9
+    shares = np.mean(np.array(claims)[sure]), np.mean(np.array(right)[sure])
+    assert shares[0] == pytest.approx(shares[1], abs=3 * 0.2 / np.sqrt(sure.sum()))
 
 
 def test_units_and_level_do_not_count():
@@ -92,6 +103,44 @@ def test_a_larger_lead_is_surer_however_few_the_seeds():
     assert odds == sorted(odds)
     assert odds[2] > 0.99
     assert odds[3] > 0.999
+
+
+def worlds(times, n=6, seeds=3, draws=500):
+    """Truth, found and said regret of two choices, in sd of the seeds: any, and a good one."""
+    rng, rows = np.random.default_rng(7), []
+    for i in range(times):
+        between = np.abs(rng.standard_cauchy()) / np.sqrt(seeds)
+        truth = between * rng.standard_normal(n)
+        y = truth[:, None] + rng.standard_normal((n, seeds))
+        means, noise = y.mean(axis=1), Noise.of(y)
+        good = int(np.argmax(truth + between / 2 * rng.standard_normal(n)))
+        regret = expected_regret(means, noise, np.eye(n)[[0, good]], i, draws)
+        sd = np.sqrt(noise.variance)
+        for name, choice, lost in zip(("any", "good"), (0, good), regret, strict=True):
+            real, measured = truth.max() - truth[choice], means.max() - means[choice]
+            rows.append((name, means.std() / sd, real / sd, measured / sd, *lost / sd))
+    columns = ["choice", "spread", "true", "measured", "said", "low", "high"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def check(table):
+    # Of data that spread as they do: the prior's tail would hide what noise does.
+    any_choice = table[(table["choice"] == "any") & (table["spread"] < 2)]
+    error = 4 * (any_choice["said"] - any_choice["true"]).std() / np.sqrt(len(any_choice))
+    assert any_choice["said"].mean() == pytest.approx(any_choice["true"].mean(), abs=error)
+    assert any_choice["measured"].mean() > any_choice["true"].mean() + error
+    held = (table["low"] <= table["true"] + 1e-9) & (table["true"] <= table["high"] + 1e-9)
+    for _, rows in held.groupby(table["choice"]):
+        assert rows.mean() > 0.95 - 4 * np.sqrt(0.95 * 0.05 / len(rows))
+
+
+def test_what_is_expected_happens_and_what_is_measured_is_too_much():
+    check(worlds(600))
+
+
+@pytest.mark.long
+def test_the_same_in_many_worlds():
+    check(worlds(10_000, draws=2000))
 
 
 def test_without_noise_it_is_the_distance_to_the_best():
