@@ -9,11 +9,13 @@ result. Row numbers on the CPU, which a GPU would copy for itself, are an error 
 
 import weakref
 from collections import Counter
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from unittest.mock import patch
 
+import numpy as np
 import torch
+import triton.language as tl
 from torch import Tensor
 from torch.utils._python_dispatch import return_and_correct_aliasing
 from torch.utils._pytree import tree_map_only
@@ -22,6 +24,8 @@ from torch.utils.backend_registration import (
     _setup_privateuseone_for_python_backend,
 )
 from triton.runtime import interpreter
+
+from training.ops.gpu import sparse_conv, sparse_rules
 
 NAME = "other"
 _aten = torch.ops.aten
@@ -247,6 +251,26 @@ def _registered() -> list[torch.library.Library]:
     return [aten, every]  # what is registered goes with them
 
 
+_BLOCKS = (
+    *((sparse_conv, "_ROWS", 4096), (sparse_conv, "_OUTPUTS", 64)),
+    *((sparse_conv, "_PORTION", 1 << 20), (sparse_rules, "_LANES", 8192)),
+)
+"""Blocks of kernels as large as the interpreter likes them."""
+
+
+_OPTIONS = interpreter.InterpreterOptions(sanitize_overflow=False)
+
+
+def _dot(self, a, b, total, input_precision, *options):
+    """The interpreter's product, which takes the bits of bfloat16 for integers."""
+    a, b = (
+        self.create_fp_ext(item, tl.float32) if item.dtype == tl.bfloat16 else item
+        for item in (a, b)
+    )
+    product = np.matmul(a.data, b.data, dtype=total.data.dtype)
+    return interpreter.TensorHandle(product + total.data, total.dtype.scalar)
+
+
 @contextmanager
 def other_device():
     """The device, while no thread but the caller's computes.
@@ -254,8 +278,14 @@ def other_device():
     Autograd has a thread for every device that torch knew when the process made its first step.
     """
     _registered()
-    held = patch.object(
-        interpreter, "_unwrap_tensor", lambda tensor: getattr(tensor, "held", tensor)
-    )
-    with held, torch.autograd.set_multithreading_enabled(False):
+    with ExitStack() as patches:
+        for place, name, value in (
+            (interpreter, "_unwrap_tensor", lambda tensor: getattr(tensor, "held", tensor)),
+            (interpreter.InterpreterBuilder, "create_dot", _dot),
+            # Without checks of every sum for overflow, which take half of the time.
+            (interpreter.interpreter_builder, "options", _OPTIONS),
+            *_BLOCKS,
+        ):
+            patches.enter_context(patch.object(place, name, value))
+        patches.enter_context(torch.autograd.set_multithreading_enabled(False))
         yield torch.device(NAME, 0)

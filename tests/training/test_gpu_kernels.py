@@ -22,7 +22,9 @@ from training.detectors.heads.anchor_targets import _assign_triton, anchor_rules
 from training.detectors.heads.anchors import KITTI_ANCHORS, anchor_grid
 from training.ops import ball_query, gpu, interpolation, points_in_boxes, voxel_query
 from training.ops.gpu.rotated_iou import iou_3d, unsuppressed
+from training.ops.gpu.sparse_conv import convolve, weight_gradient
 from training.ops.sampling import _furthest_triton
+from training.ops.sparse_rules import Windows, _keys, _reached_triton, _tables_triton
 
 TYPES = {
     torch.float32: "fp32", torch.float64: "fp64", torch.float16: "fp16", torch.bfloat16: "bf16",
@@ -34,6 +36,14 @@ def run_all(dtype):
     """Run each operation that has a kernel once."""
     xyz = torch.rand(40, 3).to(dtype)
     _furthest_triton(xyz, [30, 10], 4)
+    sites = torch.tensor([[0, 0, 0, 0], [0, 1, 2, 2]])
+    windows = Windows((2, 3, 3), (1, 3, 1), (1, 2, 1), (0, 0, 0))
+    starts = _reached_triton(sites, windows)
+    table, _ = _tables_triton(_keys(sites, windows.extents), starts, windows)
+    for kind in {dtype, torch.float16, torch.bfloat16}:
+        features = xyz[:2].to(kind)
+        convolve(features, torch.zeros(5, 3, 3, dtype=kind), table)
+        weight_gradient(features, torch.zeros(len(starts), 5, dtype=kind), table)
     boxes = torch.rand(2, 6, 7).to(dtype)
     iou_3d(boxes, boxes)
     unsuppressed(boxes, torch.tensor([6, 3]), 0.1, 4)

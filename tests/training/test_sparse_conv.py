@@ -1,12 +1,12 @@
-"""Sparse convolution against dense convolution, finite differences and a second way to pair."""
+"""Sparse convolution against dense convolution, on the CPU and by the kernels of a GPU."""
 
 import pytest
 import torch
 from torch.nn import functional
 
-from training.ops.grouping import counting_sort
+from tests.training.other_device import other_device
+from training.ops.gpu import sparse_conv, sparse_rules
 from training.ops.sparse_conv import SparseConv3d, SparseTensor, SubmanifoldConv3d
-from training.ops.sparse_rules import _by_row_torch, _neighbours_numba, _neighbours_torch
 
 STRIDED = [
     ((3, 3, 3), (2, 2, 2), (1, 1, 1)),
@@ -17,14 +17,27 @@ STRIDED = [
 GRIDS = [((5, 6, 7), 2, 0.3), ((4, 4, 4), 1, 1.0), ((3, 9, 1), 3, 0.5), ((6, 5, 5), 2, 0.02)]
 
 
+@pytest.fixture(params=["cpu", "other"])
+def place(request):
+    """Device of the convolution: the CPU, and the one that stands for a GPU."""
+    if request.param == "cpu":
+        yield torch.device("cpu")
+    else:
+        with other_device() as device:
+            yield device
+
+
 def sites(shape, frames, share, channels=3, dtype=torch.float64):
     """Random features at about `share` of the cells; the last frame has none if there are more."""
     used = torch.rand(frames, *shape) < share
     used[frames - 1] &= frames == 1
     coordinates = torch.nonzero(used)
-    return SparseTensor(
-        torch.randn(len(coordinates), channels, dtype=dtype), coordinates, shape, frames
-    )
+    features = torch.randn(len(coordinates), channels, dtype=dtype)
+    return SparseTensor(features, coordinates, shape, frames)
+
+
+def on(place, x):
+    return SparseTensor(x.features.to(place), x.coordinates.to(place), x.shape, x.frames)
 
 
 def dense_weight(module):
@@ -44,26 +57,27 @@ def at_sites(image, x):
 
 @pytest.mark.parametrize("grid", GRIDS)
 @pytest.mark.parametrize("kernel", [(3, 3, 3), (1, 3, 5), (1, 1, 1)])
-def test_submanifold_is_dense_convolution_at_the_sites(grid, kernel):
+def test_submanifold_is_dense_convolution_at_the_sites(grid, kernel, place):
     torch.manual_seed(0)
     x = sites(*grid)
     module = SubmanifoldConv3d(3, 4, kernel).double()
-    y = module(x)
     padding = [size // 2 for size in kernel]
     expected = functional.conv3d(dense(x), dense_weight(module), padding=padding)
-    torch.testing.assert_close(y.features, at_sites(expected, x))
-    assert y.coordinates is x.coordinates
-    assert module(y.with_features(y.features[:, :3])).tables is x.tables
+    there = on(place, x)
+    y = module.to(place)(there)
+    torch.testing.assert_close(y.features.cpu(), at_sites(expected, x))
+    assert y.coordinates is there.coordinates
+    assert module(y.with_features(y.features[:, :3])).tables is there.tables
 
 
 @pytest.mark.parametrize("grid", GRIDS)
 @pytest.mark.parametrize(("kernel", "stride", "padding"), STRIDED)
-def test_strided_is_dense_convolution(grid, kernel, stride, padding):
+def test_strided_is_dense_convolution(grid, kernel, stride, padding, place):
     torch.manual_seed(0)
     x = sites(*grid)
     module = SparseConv3d(3, 4, kernel, stride, padding).double()
-    y = module(x)
     expected = functional.conv3d(dense(x), dense_weight(module), stride=stride, padding=padding)
+    y = on(torch.device("cpu"), module.to(place)(on(place, x)))
     assert (y.frames, 4, *y.shape) == expected.shape
     torch.testing.assert_close(dense(y), expected)
     # Every cell whose window holds a site, in order.
@@ -74,38 +88,58 @@ def test_strided_is_dense_convolution(grid, kernel, stride, padding):
     assert torch.equal(y.coordinates, torch.nonzero(reached[:, 0]))
 
 
-def test_gradients_are_finite_differences():
+@pytest.mark.parametrize("grid", [GRIDS[0], ((3, 4, 5), 1, 0.03), ((3, 4, 4), 1, 0.0)])
+@pytest.mark.parametrize("geometry", [None, *STRIDED[1:]])
+def test_gradients_are_those_of_dense_convolution(grid, geometry, place):
     torch.manual_seed(0)
-    x = sites((3, 4, 5), 2, 0.2)
-    modules = [
-        SubmanifoldConv3d(3, 2),
-        *(SparseConv3d(3, 2, *geometry) for geometry in STRIDED[:3]),
-    ]
-    for module in modules:
-        weight = torch.nn.Parameter(module.weight.detach().double())
-
-        def output(features, weight, module=module):
-            inputs = (x.with_features(features),)
-            return torch.func.functional_call(module, {"weight": weight}, inputs).features
-
-        assert torch.autograd.gradcheck(output, (x.features.requires_grad_(), weight))
-
-
-@pytest.mark.parametrize("grid", [*GRIDS, ((20, 60, 50), 2, 0.03)])
-def test_torch_finds_the_pairs_that_numba_finds(grid):
-    torch.manual_seed(1)
     x = sites(*grid)
-    keys = torch.unique(torch.randint(0, 3000, (500,)))
-    steps = torch.tensor([-101, -100, -11, -1, 2])
-    ours = _neighbours_numba(keys.numpy(), steps.numpy())
-    assert_same(ours, _neighbours_torch(keys, steps))
-    rows = torch.randint(len(x.coordinates), (300,))
-    other = _by_row_torch(rows, len(x.coordinates))
-    assert_same(counting_sort(rows.numpy(), len(x.coordinates)), other)
+    stride, padding = geometry[1:] if geometry else (1, 1)
+    module = SparseConv3d(3, 4, *geometry) if geometry else SubmanifoldConv3d(3, 4)
+    module.double()
+    features = x.features.requires_grad_()
+    image = functional.conv3d(dense(x), dense_weight(module), stride=stride, padding=padding)
+    factors = torch.randn_like(image)
+    # Of a submanifold convolution the sites alone have a result.
+    used = torch.ones_like(image) if geometry else dense(x.with_features(torch.ones_like(features)))
+    (image * factors * used[:, :1]).sum().backward()
+    expected = [features.grad, module.weight.grad]
+    module.zero_grad()
+    there = on(place, x.with_features(features.detach()))
+    y = module.to(place)(there.with_features(there.features.requires_grad_()))
+    at = at_sites(factors, on(torch.device("cpu"), y)).to(place)
+    (y.features * at).sum().backward()
+    for gradient, wanted in zip((there.features.grad, module.weight.grad), expected, strict=True):
+        torch.testing.assert_close(gradient.cpu(), wanted)
 
 
-def assert_same(arrays, tensors):
-    assert [item.tolist() for item in arrays] == [item.tolist() for item in tensors]
+@pytest.mark.parametrize(
+    ("dtype", "tolerance"), [(torch.float32, 1e-5), (torch.float16, 4e-3), (torch.bfloat16, 3e-2)]
+)
+def test_kernels_with_several_blocks(dtype, tolerance, monkeypatch):
+    """Kernels with blocks of a few rows, in 16 bits too, against the CPU in 64 bits."""
+    torch.manual_seed(0)
+    x = sites((5, 6, 7), 3, 0.3, channels=20)
+    x = x.with_features(x.features.to(dtype).double())
+    module = SparseConv3d(20, 40, *STRIDED[0])
+    module.weight.data = module.weight.detach().to(dtype).double()
+    results = []
+    with other_device() as place:
+        for constant, size in (("_ROWS", 32), ("_OUTPUTS", 32), ("_PORTION", 64)):
+            monkeypatch.setattr(sparse_conv, constant, size)
+        monkeypatch.setattr(sparse_rules, "_LANES", 512)
+        for device, kind in ((torch.device("cpu"), torch.float64), (place, dtype)):
+            there = on(device, x)
+            features = there.features.detach().to(kind).requires_grad_()
+            module.to(device, kind).zero_grad()
+            y = module(there.with_features(features))
+            y.features.sum().backward()
+            gradients = (features.grad, module.weight.grad)
+            assert {item.dtype for item in (y.features, *gradients)} == {kind}
+            results.append([item.cpu().double() for item in (y.features, *gradients)])
+            assert len(y.coordinates) > 64
+    for ours, expected in zip(*reversed(results), strict=True):
+        error = (ours - expected).abs().max() / expected.abs().max()
+        assert error < tolerance
 
 
 def test_bev_stacks_the_heights_of_each_channel():

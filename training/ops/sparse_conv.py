@@ -2,20 +2,25 @@
 
 Graham et al., 3D semantic segmentation with submanifold sparse convolutional networks, CVPR 2018.
 For every position of the kernel the input rows that take part are gathered and multiplied by that
-position's weights; then every output row sums its products. The sum is taken in a fixed order, so
-that the result is the same in every run, on a GPU too."""
+position's weights, and every output row sums its products: in a fixed order, so that the result is
+the same in every run, on a GPU too."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.autograd.function import FunctionCtx, once_differentiable
-from torch.nn import functional
 
 from lidarplace.base.errors import InputError
-from training.ops.sparse_rules import Rules, Triple, output_shape, strided_rules, submanifold_rules
+from lidarplace.base.kernel_cache import inner, njit
+from training.ops.sparse_rules import Rules, Triple, Windows, strided_rules, submanifold_rules
+
+_PORTION = 256
+"""Pairs that a CPU gathers at once."""
 
 
 @dataclass(frozen=True)
@@ -44,46 +49,104 @@ class SparseTensor:
 
 
 class _Convolution(torch.autograd.Function):
-    """Convolution of input rows (N, in) by weights (out, K, in) and a table of pairs.
-
-    The gathered rows are not kept for the backward pass: they are many times the input."""
+    """Convolution of input rows (N, in) by weights (out, K, in) and tables of pairs."""
 
     @staticmethod
     def forward(ctx: FunctionCtx, features: Tensor, weight: Tensor, rules: Rules) -> Tensor:
         ctx.save_for_backward(features, weight)
         ctx.rules = rules  # type: ignore[attr-defined]
-        products = features.new_empty(len(rules.inputs), len(weight))
-        split = (part.split(rules.counts) for part in (rules.inputs, products))
-        for matrix, rows, product in zip(weight.unbind(dim=1), *split, strict=True):
-            torch.mm(features.index_select(0, rows), matrix.t(), out=product)
-        return _segment_sum(products, *rules.by_output)
+        return _operations(features)[0](features, weight, rules.inputs)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, Tensor, None]:
         features, weight = ctx.saved_tensors
-        rules: Rules = ctx.rules
-        wanted = ctx.needs_input_grad[0]
-        products = features.new_empty(len(rules.inputs) if wanted else 0, features.shape[1])
-        weight_grad = weight.new_empty(weight.shape[1], weight.shape[0], weight.shape[2])
-        first = 0
-        for k, count in enumerate(rules.counts):
-            pairs = slice(first, first + count)
-            output_grad = grad.index_select(0, rules.outputs[pairs])
-            rows = features.index_select(0, rules.inputs[pairs])
-            torch.mm(output_grad.t(), rows, out=weight_grad[k])
-            if wanted:
-                torch.mm(output_grad, weight[:, k], out=products[pairs])
-            first += count
-        weight_grad = weight_grad.transpose(0, 1).contiguous()
-        return (_segment_sum(products, *rules.by_input) if wanted else None), weight_grad, None
+        convolve, weight_gradient = _operations(features)
+        of_weight = weight_gradient(features, grad, ctx.rules.inputs)
+        if not ctx.needs_input_grad[0]:
+            return None, of_weight, None
+        return convolve(grad, weight.transpose(0, 2), ctx.rules.outputs), of_weight, None
 
 
-def _segment_sum(rows: Tensor, order: Tensor, starts: Tensor) -> Tensor:
-    """Sums of rows[order[starts[i] : starts[i + 1]]], shape (len(starts) - 1, C)."""
-    if len(order) == 0:
-        return rows.new_zeros(len(starts) - 1, rows.shape[1])
-    return functional.embedding_bag(order, rows, starts, mode="sum", include_last_offset=True)
+def _operations(features: Tensor) -> tuple[Callable[..., Tensor], Callable[..., Tensor]]:
+    """Convolution of features by weights and a table, and the weights' gradient."""
+    if features.is_cpu:
+        return _convolve_numba, _weight_gradient_numba
+    from training.ops.gpu.sparse_conv import convolve, weight_gradient
+
+    return convolve, weight_gradient
+
+
+def _convolve_numba(features: Tensor, weight: Tensor, table: Tensor) -> Tensor:
+    matrices = weight.permute(1, 2, 0).contiguous()
+    arrays = (item.contiguous().numpy() for item in (features, matrices, table))
+    return torch.from_numpy(_convolution_kernel(*arrays))
+
+
+def _weight_gradient_numba(features: Tensor, grad: Tensor, table: Tensor) -> Tensor:
+    arrays = (item.contiguous().numpy() for item in (features, grad, table))
+    return torch.from_numpy(_gradient_kernel(*arrays)).transpose(0, 1).contiguous()
+
+
+@njit(cache=True)
+def _convolution_kernel(features, weight, table):
+    """Rows (M, out) from features (N, in), weights (K, in, out) and a table (K, M) of their rows.
+
+    The product is of portions of the pairs at a position, which fit the processor's cache."""
+    positions, inputs, outputs = weight.shape
+    result = np.zeros((table.shape[1], outputs), features.dtype)
+    pairs = np.empty(table.shape[1], np.int64)
+    rows = np.empty((_PORTION, inputs), features.dtype)
+    products = np.empty((_PORTION, outputs), features.dtype)
+    for k in range(positions):
+        count = _pairs(table[k], pairs)
+        for first in range(0, count, _PORTION):
+            portion = pairs[first : min(first + _PORTION, count)]
+            for i in range(len(portion)):
+                row = table[k, portion[i]]
+                for c in range(inputs):
+                    rows[i, c] = features[row, c]
+            np.dot(rows[: len(portion)], weight[k], products[: len(portion)])
+            for i in range(len(portion)):
+                row = portion[i]
+                for c in range(outputs):
+                    result[row, c] += products[i, c]
+    return result
+
+
+@njit(cache=True)
+def _gradient_kernel(features, grad, table):
+    """Gradient (K, out, in) of the weights."""
+    inputs, outputs = features.shape[1], grad.shape[1]
+    result = np.zeros((len(table), outputs, inputs), features.dtype)
+    pairs = np.empty(table.shape[1], np.int64)
+    rows = np.empty((_PORTION, inputs), features.dtype)
+    grads = np.empty((_PORTION, outputs), features.dtype)
+    product = np.empty((outputs, inputs), features.dtype)
+    for k in range(len(table)):
+        count = _pairs(table[k], pairs)
+        for first in range(0, count, _PORTION):
+            portion = pairs[first : min(first + _PORTION, count)]
+            for i in range(len(portion)):
+                row = table[k, portion[i]]
+                for c in range(inputs):
+                    rows[i, c] = features[row, c]
+                row = portion[i]
+                for c in range(outputs):
+                    grads[i, c] = grad[row, c]
+            np.dot(grads[: len(portion)].T, rows[: len(portion)], product)
+            result[k] += product
+    return result
+
+
+@inner
+def _pairs(table, rows):
+    """Number of rows (M,) that have an entry, and these rows, the first of `rows`."""
+    count = 0
+    for i in range(len(table)):
+        rows[count] = i
+        count += table[i] >= 0
+    return count
 
 
 class _SparseConvolution(nn.Module):
@@ -98,7 +161,8 @@ class _SparseConvolution(nn.Module):
     def _convolve(self, features: Tensor, rules: Rules) -> Tensor:
         weight = self.weight.flatten(1, 3)
         device = features.device.type
-        if torch.is_autocast_enabled(device):
+        # On a CPU in 32 bits: it multiplies small matrices.
+        if device != "cpu" and torch.is_autocast_enabled(device):
             dtype = torch.get_autocast_dtype(device)
             features, weight = features.to(dtype), weight.to(dtype)
         convolved: Tensor = _Convolution.apply(features, weight, rules)
@@ -133,6 +197,8 @@ class SparseConv3d(_SparseConvolution):
 
     def forward(self, x: SparseTensor) -> SparseTensor:
         """(N, inputs) to (M, outputs) on the coarser grid."""
-        rules, coordinates = strided_rules(x.coordinates, x.shape, *self.geometry)
-        features = self._convolve(x.features, rules)
-        return SparseTensor(features, coordinates, output_shape(x.shape, *self.geometry), x.frames)
+        windows = Windows(x.shape, *self.geometry)
+        rules, coordinates = strided_rules(x.coordinates, windows)
+        return SparseTensor(
+            self._convolve(x.features, rules), coordinates, windows.counts, x.frames
+        )
