@@ -171,7 +171,7 @@ def run_tests(run: Run) -> None:
         commands = {"kernels": ["tests/training/test_gpu_kernels.py"]}
     failed = []
     for name, arguments in commands.items():
-        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
+        command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *arguments]
         limit = max(10.0, min(TESTS_S, run.left()))
         try:
             done = subprocess.run(

@@ -51,9 +51,10 @@ def measure_rigs(device: str, frames: int) -> list[dict]:
         placement = PAPER_PLACEMENTS[name].with_lidar(lidar)
         crop = crop_for(X, Y, Z, placement)
         clouds = SimulatedClouds(log, numbers, placement, crop)
+        settings = TrainingSettings(batch_size="auto")
         options: dict[str, Any] = {"point_range": crop, "typical": typical}
         state, network = content["model_state"], content["detector"]
-        boxes = detect(network, classes, state, clouds, TrainingSettings(), **options).boxes
+        boxes = detect(network, classes, state, clouds, settings, **options).boxes
         table = evaluate_boxes(objects, boxes, numbers.tolist(), classes).set_index(list(VALUE))
         return float(table.loc[tuple(VALUE.values()), "value"].max())
 
@@ -75,7 +76,7 @@ def measure_rigs(device: str, frames: int) -> list[dict]:
 
 
 class Dense(nn.Module):
-    """Backbone and head of PointPillars; outputs as a tuple, which `vmap` can return."""
+    """Backbone and head of PointPillars, whose loss `vmap` can return."""
 
     def __init__(self, model: Any) -> None:
         super().__init__()
@@ -84,7 +85,8 @@ class Dense(nn.Module):
     def forward(self, image: Tensor) -> Tensor:
         """A loss of images (B, C, ny, nx), which stands for the detector's."""
         output = self.head(self.backbone(image))
-        return sum((item.square().mean() for item in vars(output).values()), torch.tensor(0.0))
+        residuals, directions = self.head.raw_boxes(output)
+        return sum(item.square().mean() for item in (output.logits, residuals, directions))
 
 
 def networks(count: int, device: str) -> list[Any]:
