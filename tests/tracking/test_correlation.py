@@ -233,6 +233,15 @@ def test_recall_of_all_meets_the_sum_over_classes():
     assert table["pearson"].iloc[0] == pytest.approx(total)
 
 
+def test_a_share_of_objects_is_averaged_over_classes():
+    parts = [
+        tables([share] * 3, np.zeros((3, 1)), name, "expected_recall")[1]
+        for name, share in (("Car", 0.9), ("Cyclist", 0.5))
+    ]
+    summed = with_sums(pd.concat(parts)).query("`class` == 'all'")
+    assert summed["value"].tolist() == pytest.approx([0.7] * 3)
+
+
 def test_a_sum_lacks_nothing_silently():
     parts = [tables([1.0, 2, 3], np.zeros((3, 1)), name)[1] for name in ("Car", "Cyclist")]
     parts[1].loc[1, "value"] = np.nan

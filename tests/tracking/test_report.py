@@ -14,10 +14,12 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.tracking.made_up_run import NAMES, report_of, write_run
+from tracking.findings.surrogate_accuracy import relative_errors, summarise
 from tracking.labels import surrogate_name
 from tracking.report.analysis import Analysis
 from tracking.report.build import build_report
 from tracking.report.command import app
+from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.coefficient_map import coefficient_map_section
 from tracking.report.sections.predictors import predictors_section
 from tracking.report.sections.where_time_went import stage_times, where_time_went
@@ -103,12 +105,16 @@ def test_it_is_one_file_that_loads_nothing(built, page):
 
 
 def test_the_sections_are_in_order(page):
-    titles = ["Highest mean for Car", "Which placement is best?", "Placements"]
+    titles = ["Highest mean for Car", "Which placement is best?"]
+    titles += ["Surrogates: error against run time", "Placements"]
     titles += ["Which placement is best for each class and setting?", "Can a surrogate be trusted?"]
     titles += ["Does the placement matter?", "Rigs and traffic", "Coverage and residual entropy"]
     titles += ["One frame, as each placement sees it", "Objects: boxes and individuals"]
-    titles += ["Objects by their distance", "Surrogates: error against run time"]
-    titles += ["Surrogates: sampling error of the POG", "Where the time went"]
+    titles += [
+        "Objects by their distance",
+        "Surrogates: sampling error of the POG",
+        "Where the time went",
+    ]
     titles += ["Configuration and command"]
     assert [word for word in page.words if word in titles] == titles
     assert not {"Promotion", "Do the surrogates agree?"} & {*page.words}
@@ -299,3 +305,18 @@ def test_the_command_rebuilds_it_or_says_what_is_wrong(tmp_path):
     built.unlink()
     built.mkdir()
     assert report(built.parent) == (2, "", f"{built}: Is a directory\n")
+
+
+def test_the_fastest_that_ranks_alike_is_named_with_its_error(built):
+    section = accuracy_section(Analysis(RunFolder.read(built.parent)))
+    table = pd.read_parquet(built.parent / "accuracy.parquet").query("`class` == 'Car'")
+    summary = summarise(relative_errors(table)).query("surrogate == 's_mig'")
+    reference = summary[summary["reference"]].iloc[0]
+    alike = summary[(summary["kendall"] == 1) & (summary["seconds"] < reference["seconds"])]
+    sentence = section.notes[0]
+    assert sentence.startswith("Car: ")
+    assert f"{reference['resolution']:g} m, {reference['seconds']:.2g} s." in sentence
+    if alike.empty:
+        assert "no faster S-MIG ranks" in sentence
+    else:
+        assert f"{alike['seconds'].min():.2g} s a placement" in sentence

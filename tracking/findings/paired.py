@@ -72,7 +72,8 @@ def paired(
 def with_sums(surrogates: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
     """Add rows of class "all" to `surrogates`: those that are additive, summed over classes.
 
-    A sum is NaN if the surrogate is NaN for a class. Keeps placement, class, surrogate, value and
+    Means over objects stay such: they are averaged over classes. Either is NaN if the surrogate is
+    NaN for a class. Keeps placement, class, surrogate, value and
     those of detector and `axes` that are columns."""
     depends = _depends(surrogates, axes)
     single = surrogates[["placement", "class", *depends, "surrogate", "value"]]
@@ -82,7 +83,10 @@ def with_sums(surrogates: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFram
         .groupby(["placement", *depends, "surrogate"], dropna=False, sort=False)["value"]
         .agg(lambda values: values.sum(skipna=False))
     )
-    return pd.concat([single, total.reset_index().assign(**{"class": "all"})], ignore_index=True)
+    of_all = total.reset_index().assign(**{"class": "all"})
+    averaged = [name for name in additive if SURROGATES[name].of_objects]
+    of_all["value"] /= np.where(of_all["surrogate"].isin(averaged), single["class"].nunique(), 1)
+    return pd.concat([single, of_all], ignore_index=True)
 
 
 def _depends(surrogates: pd.DataFrame, axes: Sequence[str]) -> list[str]:

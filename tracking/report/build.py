@@ -133,19 +133,34 @@ def _first_blocks(
 
 
 _MakeSection = Callable[[Analysis], Section | None]
-_BUILT_IN: tuple[_MakeSection, ...] = (coefficient_map_section, best_section, placements_section)
-_BUILT_IN += (
+_BUILT_IN: tuple[_MakeSection, ...] = (
+    coefficient_map_section,
+    best_section,
+    accuracy_section,
+    placements_section,
     by_class_section,
     requirements_section,
     agreement_section,
     promotion_section,
     predictors_section,
+    reliability_section,
+    generalist_section,
+    recorded_clouds_section,
+    published_section,
+    sensitivity_section,
+    tilts_section,
+    density_section,
+    rigs_section,
+    coverage_section,
+    clouds_section,
+    individuals_section,
+    by_distance_section,
+    by_sector_section,
+    failures_section,
+    sampling_error_section,
+    training_cost_section,
+    where_time_went,
 )
-_BUILT_IN += (reliability_section, generalist_section, recorded_clouds_section, published_section)
-_BUILT_IN += (sensitivity_section, tilts_section, density_section, rigs_section, coverage_section)
-_BUILT_IN += (clouds_section, individuals_section, by_distance_section, by_sector_section)
-_BUILT_IN += (failures_section, accuracy_section, sampling_error_section, training_cost_section)
-_BUILT_IN += (where_time_went,)
 SECTIONS: Registry[_MakeSection] = Registry(
     "lidarplace.sections", {make.__name__.removesuffix("_section"): make for make in _BUILT_IN}
 )
@@ -164,8 +179,8 @@ def _sections(analysis: Analysis) -> Iterator[tuple[str, Section]]:
             _log.warning("plug-in left out: section %s", error)
             continue
         if section is not None:
-            first = "placements" if analysis.run.results.empty else "best"
-            section.folded = section.place == "page" and name != first
+            unfolded = ("placements" if analysis.run.results.empty else "best", "accuracy")
+            section.folded = section.place == "page" and name not in unfolded
             yield name, section
 
 

@@ -1,9 +1,12 @@
 """Surrogates that were computed faster: error against run time."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from tracking.figures.kit.named_points import label_places
 from tracking.figures.kit.style import add_menu, colour, error_bars, figure, legend_below, text
 from tracking.findings.groups import by_setting, studied
 from tracking.findings.surrogate_accuracy import relative_errors, summarise, varied
@@ -17,6 +20,7 @@ _STYLES = {
     "resolution": (2, "diamond"),
     "frames": (1, "triangle-up"),
 }
+MOST_CHOICES = 4  # sentences on what to choose
 FIRST = "s_mig"  # surrogate that is shown before another is chosen
 
 
@@ -35,13 +39,36 @@ def accuracy_section(analysis: Analysis) -> Section:
         "hollow points have no error. The menu chooses the surrogate."
     )
     section.notes += studied(run, run.accuracy)
+    choices = []
     for title, part in by_setting(run.accuracy, run.axes):
         summary = summarise(relative_errors(part))
         for name, of_class in summary.groupby("class", sort=False):
             label = f"{name} · {title}" if title else str(name)
+            choices.append(f"{label}: {_choice(of_class)}")
             section.figures.append(accuracy_figure(of_class, f"Error against run time · {label}"))
             section.tables.append(accuracy_table(of_class, label))
+    section.notes[:0] = choices[:MOST_CHOICES]
     return section
+
+
+def _choice(summary: pd.DataFrame) -> str:
+    """Name the fastest computation of S-MIG that ranks placements as the reference does."""
+    name = FIRST if FIRST in set(summary["surrogate"]) else summary["surrogate"].iloc[0]
+    rows = summary[summary["surrogate"] == name].sort_values("seconds")
+    reference = rows[rows["reference"]].iloc[0]
+    alike = rows[(rows["kendall"] > 1 - 1e-9) & (rows["seconds"] < reference["seconds"])]
+    as_fine = f"{reference['resolution']:g} m, {reference['seconds']:.2g} s"
+    if alike.empty:
+        return f"no faster {surrogate_name(name)} ranks the placements as the finest, {as_fine}."
+    fastest = alike.iloc[0]
+    rays = f", {fastest['azimuth_steps']:,} azimuth steps" if fastest["azimuth_steps"] else ""
+    fewer = fastest["frames"] < reference["frames"]
+    frames = f", {fastest['frames']:,} frames" if fewer else ""
+    how = f"{fastest['resolution']:g} m, {fastest['method']}{rays}{frames}"
+    return (
+        f"{how}: {fastest['seconds']:.2g} s a placement, error {_percent(fastest['median_error'])} "
+        f"%, ranks as at {as_fine}."
+    )
 
 
 def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
@@ -94,8 +121,10 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
         positive = part.loc[part["median_error"] > 0, "median_error"]
         # An error of 0 has no place on a logarithmic axis: its hollow point is below all others.
         floor = 10 ** np.floor(np.log10(positive.min()) - 0.5) if len(positive) else 1e-16
-        for group, rows in part.groupby(varied(part), sort=False):
-            plot.add_trace(_line(rows, str(group), floor).update(visible=name == first))
+        lines = [_line(rows, str(g), floor) for g, rows in part.groupby(varied(part), sort=False)]
+        _place_labels(lines)
+        for line in lines:
+            plot.add_trace(line.update(visible=name == first))
             drawn.append(name)
     labels = [surrogate_name(name) for name in names]
     changes = [({"visible": [name == surrogate for surrogate in drawn]},) for name in names]
@@ -104,6 +133,14 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
     plot.update_xaxes(title="seconds a placement and class", **powers)
     plot.update_yaxes(title="relative error", **powers)
     return legend_below(plot)
+
+
+def _place_labels(lines: Sequence[go.Scatter]) -> None:
+    """Place the labels of all points so that few hide each other; both axes are logarithmic."""
+    x, y = (np.log10(np.concatenate([line[axis] for line in lines])) for axis in "xy")
+    places = iter(label_places(x, y, [text for line in lines for text in line.text]))
+    for line in lines:
+        line.textposition = [next(places) for _ in line.text]
 
 
 def _line(rows: pd.DataFrame, group: str, floor: float) -> go.Scatter:
@@ -124,7 +161,6 @@ def _line(rows: pd.DataFrame, group: str, floor: float) -> go.Scatter:
         line={"color": colour(shade), "width": 1.5},
         marker={"size": 8, "symbol": [f"{shape}-open" if zero else shape for zero in hollow]},
         text=labels,
-        textposition="top center" if shape in ("circle", "triangle-up") else "bottom center",
         textfont={"size": 10, "color": colour(shade)},
         cliponaxis=False,
         customdata=rows[["median_error", "kendall"]].to_numpy(),
