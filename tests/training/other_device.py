@@ -25,7 +25,7 @@ from torch.utils.backend_registration import (
 )
 from triton.runtime import interpreter
 
-from training.ops.gpu import sparse_conv, sparse_rules
+from training.ops.gpu import grouping, sparse_conv, sparse_rules
 
 NAME = "other"
 _aten = torch.ops.aten
@@ -254,6 +254,7 @@ def _registered() -> list[torch.library.Library]:
 _BLOCKS = (
     *((sparse_conv, "_ROWS", 4096), (sparse_conv, "_OUTPUTS", 64)),
     *((sparse_conv, "_PORTION", 1 << 20), (sparse_rules, "_LANES", 8192)),
+    (grouping, "_LANES", 4096),
 )
 """Blocks of kernels as large as the interpreter likes them."""
 

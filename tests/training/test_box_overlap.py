@@ -123,6 +123,9 @@ CLOSED_FORMS = [
     (box(), box(x=2.0), False, 1 / 3),
     (box(), box(x=2.0, z=0.75), True, 1 / 7),  # half a height higher
     (box(), box(length=1.0, width=1.0, height=1.0, yaw=0.3), True, 1 / 12),  # inside
+    (box(yaw=0.3), box(x=math.cos(0.3), y=math.sin(0.3), length=2.0, yaw=0.3), False, 0.5),
+    (box(width=1e-6), box(width=1e-6, yaw=math.pi / 2), False, 1e-12 / (8e-6 - 1e-12)),
+    (box(width=1e-6, yaw=0.3), box(width=1e-6, yaw=0.3), False, 1),  # slivers
     (box(yaw=0.3), box(z=2.0, yaw=0.3), False, 1),
     (box(yaw=0.3), box(z=2.0, yaw=0.3), True, 0),  # above each other
     (box(), box(x=4.0), False, 0),  # they touch

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 import torch
 
+from tests.training.other_device import other_device
 from training import build_detector
 from training.detectors.backbones.pillars import PillarGrid, group
+from training.detectors.backbones.voxels import VoxelGrid, voxelise
 from training.detectors.heads.anchors import KITTI_ANCHORS, anchor_grid
 from training.detectors.heads.voxel_rcnn_head import cells_of
 
@@ -54,6 +56,29 @@ def test_anchors_of_any_range(centred):
         anchors = anchor_grid(classes, point_range, (90, 60), centred).numpy()
         expected = upstream_anchors(point_range, (90, 60), classes, centred)
         assert np.array_equal(anchors, expected)
+
+
+@pytest.mark.parametrize(("max_points", "max_cells"), [(None, None), (2, (40, 70)), (1, (5, 9))])
+def test_a_gpu_groups_points_as_the_cpu(max_points, max_cells):
+    """Voxels and pillars to the bit, with frames that have no point inside."""
+    torch.manual_seed(0)
+    few, many = torch.rand(600, 4) * 10 - 1, torch.rand(3000, 4) * 10 - 1
+    few[5:9], few[11, 3] = 8.0, torch.inf
+    none, outside = torch.zeros(0, 4), torch.full((3, 4), torch.nan)
+    space = (0.0, 0.0, 0.0, 8.0, 8.0, 4.0)
+    voxels = VoxelGrid(space, (0.5, 1.0, 1.0), max_points, max_cells)
+    pillars = PillarGrid(space, (0.5, 1.0), max_points, max_cells)
+    with other_device() as place:
+        for frames in ([few, none, many, outside], [none], [outside]):
+            expected, ours = (
+                (voxelise(frames, voxels, True, device), group(frames, pillars, True, device))
+                for device in (torch.device("cpu"), place)
+            )
+            for name in ("features", "coordinates"):
+                assert torch.equal(getattr(ours[0], name).cpu(), getattr(expected[0], name))
+            for name in ("points", "pillar", "counts", "cells"):
+                assert torch.equal(getattr(ours[1], name).cpu(), getattr(expected[1], name))
+    assert len(expected[0].features) == 0
 
 
 def test_offsets_from_the_centres_of_pillars():

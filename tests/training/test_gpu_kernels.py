@@ -21,6 +21,7 @@ from training.casting import cast_frames
 from training.detectors.heads.anchor_targets import _assign_triton, anchor_rules
 from training.detectors.heads.anchors import KITTI_ANCHORS, anchor_grid
 from training.ops import ball_query, gpu, interpolation, points_in_boxes, voxel_query
+from training.ops.gpu.grouping import means_by_cell, points_by_cell
 from training.ops.gpu.rotated_iou import iou_3d, unsuppressed
 from training.ops.gpu.sparse_conv import convolve, weight_gradient
 from training.ops.sampling import _furthest_triton
@@ -36,6 +37,9 @@ def run_all(dtype):
     """Run each operation that has a kernel once."""
     xyz = torch.rand(40, 3).to(dtype)
     _furthest_triton(xyz, [30, 10], 4)
+    for by_cell in (means_by_cell, points_by_cell):
+        corners = [0.0, 0.0, 0.0], [0.5, 0.5, 0.5]
+        by_cell([torch.rand(9, 4)], torch.device("cpu"), corners, (2, 2, 2), (1 << 62, 1 << 62))
     sites = torch.tensor([[0, 0, 0, 0], [0, 1, 2, 2]])
     windows = Windows((2, 3, 3), (1, 3, 1), (1, 2, 1), (0, 0, 0))
     starts = _reached_triton(sites, windows)

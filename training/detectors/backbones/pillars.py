@@ -114,6 +114,13 @@ def group(
     frames: Sequence[Tensor], grid: PillarGrid, training: bool, device: torch.device
 ) -> PillarBatch:
     """Group the points (N, 4) of each frame into pillars; points outside the range are dropped."""
+    if device.type != "cpu":
+        from training.ops.gpu.grouping import points_by_cell
+
+        (nx, ny), height = grid.shape, grid.point_range[5] - grid.point_range[2]
+        low, edges = np.array([grid.point_range[:3], (*grid.size, height)], np.float32).tolist()
+        limits = grid.limits(training)
+        return PillarBatch(*points_by_cell(frames, device, (low, edges), (1, ny, nx), limits))
     every = math.prod(grid.shape)
     parts = []
     for i, frame in enumerate(frames):
@@ -123,7 +130,7 @@ def group(
         )
         parts.append((points, cells + i * every, counts))
     points, cells, counts = (
-        torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*parts, strict=True)
+        torch.from_numpy(np.concatenate(part)) for part in zip(*parts, strict=True)
     )
     return PillarBatch(points, torch.repeat_interleave(counts), counts, cells)
 

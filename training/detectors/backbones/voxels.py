@@ -97,6 +97,12 @@ def voxelise(
     unlimited = np.iinfo(np.int64).max
     max_points = grid.max_points or unlimited
     max_voxels = unlimited if grid.max_voxels is None else grid.max_voxels[0 if training else 1]
+    if device.type != "cpu":
+        from training.ops.gpu.grouping import means_by_cell
+
+        corners, limits = (low.tolist(), size.tolist()), (max_points, max_voxels)
+        means = means_by_cell(frames, device, corners, grid.cells, limits)
+        return SparseTensor(*means, grid.shape, len(frames))
     parts = []
     for index, frame in enumerate(frames):
         points = np.ascontiguousarray(frame.detach().cpu().numpy(), np.float32)
@@ -105,6 +111,6 @@ def voxelise(
         place = np.unravel_index(keys[order], grid.cells)
         parts.append((means[order], np.stack([np.full_like(keys, index), *place], axis=1)))
     features, coordinates = (
-        torch.from_numpy(np.concatenate(part)).to(device) for part in zip(*parts, strict=True)
+        torch.from_numpy(np.concatenate(part)) for part in zip(*parts, strict=True)
     )
     return SparseTensor(features, coordinates, grid.shape, len(frames))
