@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -178,6 +178,7 @@ def evaluate_rig(
     if frames.empty:
         raise InputError(f"no frame is in the {split} split", place="log")
     numbers = frames["frame"].to_numpy(np.int64)
+    log = replace(log, boxes=log.boxes[log.boxes["frame"].isin(numbers)])  # others hide nothing
     clouds = SimulatedClouds(
         log, numbers, placement, crop=crop, seed=seed, errors=errors, vehicle=vehicle
     )
