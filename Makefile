@@ -27,7 +27,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	@echo "setup, 2 of 3: uv, which installs packages"
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt uv
-	@echo "setup, 3 of 3: the packages of constraints.txt: 3.5 GB, a minute or more"
+	@echo "setup, 3 of 3: the packages of constraints.txt: 4.2 GB, a minute or more"
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --constraint constraints.txt \
 		--compile-bytecode $(TORCH_SOURCE) --editable ".[all,dev]"
 	touch $(STAMP)
@@ -49,7 +49,7 @@ test-long: setup
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m long
 
 # The tests with the newest versions of all dependencies instead of those of constraints.txt, for any Python:
-# `make test-newest PYTHON=python3.13`. Its environment, of 3.5 GB, is made anew each time.
+# `make test-newest PYTHON=python3.13`. Its environment, of 4.2 GB, is made anew each time.
 NEWEST := build/newest
 test-newest:
 	rm -rf $(NEWEST)
