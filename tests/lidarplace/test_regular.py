@@ -36,6 +36,7 @@ OWN = {
     "sweeps.store.lock": "of the store",
     "sweeps.store.remote": "of the store",
     "sweeps.store.result_folder": "of the store",
+    "training.nvidia": "of the kernel",
 }
 """Modules that read what no user names."""
 

@@ -108,7 +108,7 @@ def test_a_scene_shows_clouds_by_lidar_boxes_by_class_and_what_stands_around():
     placement = profile.placement(PAPER_PLACEMENTS["pyramid"].with_lidar(profile.lidar))
     figure = draw_frame(LOG, 5, placement, CROP, misaligned_heights=True)
     clouds, mounts = marks(figure, 1.2), marks(figure, 4)
-    assert [trace.name for trace in clouds] == [f"LiDAR {i}" for i in range(4)]
+    assert [trace.name for trace in clouds] == [f"LiDAR {i + 1}" for i in range(4)]
     assert len({trace.marker.color for trace in clouds}) == 4
     points = np.concatenate([np.stack([t.x, t.y, t.z], axis=1) for t in clouds])
     assert points.dtype == np.float32

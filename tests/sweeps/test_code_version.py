@@ -217,7 +217,8 @@ TRAINED = {"train", "evaluate"}
 CASES = [
     ("lidarplace/coverage/cone_sines.py", {"surrogates", "accuracy", "sampling_error"}),
     ("lidarplace/clouds/returns.py", {"collect", *TRAINED}),
-    ("training/ops/box_overlap.py", TRAINED),
+    ("training/ops/rotated_iou.py", TRAINED),
+    ("training/ops/gpu/rotated_iou.py", TRAINED),
     ("training/detectors/pointpillars.py", TRAINED),
     ("training/detectors/second.py", set()),
     ("lidarplace/scenes/sumo/record.py", {"scene"}),

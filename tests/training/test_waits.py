@@ -43,7 +43,7 @@ class Waits(TorchDispatchMode):
         frame = sys._getframe(1)
         while ROOT not in (path := Path(frame.f_code.co_filename)).parents:
             frame = frame.f_back
-        if path.parent.name not in ("backbones", "ops"):
+        if path.parent.name not in ("backbones", "ops", "gpu"):
             self.files.append(path.name)
 
     def __torch_dispatch__(self, operation, types, args=(), kwargs=None):
