@@ -16,7 +16,7 @@ EPOCHS_AND_RATE = {
     "voxel_rcnn": (25, 0.003),
     "pointrcnn": (60, 0.01),
     "pointrcnn_iou": (60, 0.01),
-    "pv_rcnn": (20, 0.005),
+    "pv_rcnn": (28, 0.005),
 }
 
 
