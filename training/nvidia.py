@@ -26,4 +26,5 @@ def is_out_of_memory(error: BaseException) -> bool:
 
     Not triton's OutOfResources: a kernel needs as much shared memory for one frame as for many."""
     pattern = r"CUDA error: out of memory|\[CUDA\]: out of memory|STATUS_ALLOC_FAILED"
+    pattern += "|CUBLAS_STATUS_NOT_INITIALIZED|unable to find an engine"  # without room for one
     return type(error).__name__ == "OutOfMemoryError" or re.search(pattern, str(error)) is not None

@@ -115,4 +115,6 @@ def _furthest_triton(xyz: Tensor, counts: Sequence[int], samples: int) -> Tensor
 
     sizes = stacked_counts(filter(None, counts), xyz.device)
     starts = sizes.cumsum(0) - sizes
-    return (starts[:, None] + furthest_rows(xyz, starts, sizes, samples)).flatten()
+    return (
+        starts[:, None] + furthest_rows(xyz, starts, sizes, samples, max(counts, default=0))
+    ).flatten()

@@ -161,7 +161,7 @@ class PillarFeatureLayer(nn.Module):
 
 def _pillar_max(rows: Tensor, counts: Tensor) -> Tensor:
     """Maximum over runs of `counts` rows, (N, C) to (P, C); rows are not negative."""
-    return torch.segment_reduce(rows, "max", lengths=counts, axis=0, initial=0.0)
+    return torch.segment_reduce(rows, "max", lengths=counts, axis=0, initial=0.0, unsafe=True)
 
 
 class PillarEncoder(nn.Module):
@@ -181,7 +181,8 @@ class PillarEncoder(nn.Module):
         if len(batch.counts) == 0:  # segment_reduce takes no empty input
             return batch.points.new_zeros(0, self.filters)
         xyz = batch.points[:, :3]
-        sums = xyz.new_zeros(len(batch.counts), 3).index_add_(0, batch.pillar, xyz)
+        # In the order of the points: sums by atomic additions would differ from run to run.
+        sums = torch.segment_reduce(xyz, "sum", lengths=batch.counts, axis=0, unsafe=True)
         means = sums / batch.counts[:, None]
         centres = self.grid.centres(batch.cells % math.prod(self.grid.shape))
         offsets = [xyz - origin[batch.pillar] for origin in (means, centres)]

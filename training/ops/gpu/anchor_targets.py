@@ -28,7 +28,7 @@ def assign(anchors: Tensor, rules: Tensor, boxes: Tensor, labels: Tensor) -> tup
     return learnt, chosen
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["count"])
 def _object_kernel(anchors, rules, boxes, labels, most, count, kinds, objects, LANES: tl.constexpr):
     """The largest overlap of an object with an anchor of its class."""
     place = tl.program_id(0).to(tl.int64)
@@ -46,7 +46,7 @@ def _object_kernel(anchors, rules, boxes, labels, most, count, kinds, objects, L
     tl.store(most + place, tl.max(largest, 0))
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["count"])
 def _anchor_kernel(
     anchors, rules, boxes, labels, most, learnt, chosen, count, kinds, objects, LANES: tl.constexpr
 ):

@@ -8,6 +8,7 @@ import triton.language as tl
 from torch import Tensor
 
 from training.ops.gpu.launch import launch
+from training.ops.grouping import stacked_counts
 
 _LANES = 256
 """Points of a program."""
@@ -58,9 +59,11 @@ def _grouped(frames, device, corners, cells, limits, by_row) -> tuple[Tensor, ..
     """Points, their sorted keys, the rows of these, and how many points of a cell are used.
 
     The latter is at the cell's first place among the keys, or its first point's row, else zero."""
-    points = torch.cat([frame.detach() for frame in frames]).to(device, torch.float32)
+    points = torch.cat([frame.detach() for frame in frames]).to(
+        device, torch.float32, non_blocking=True
+    )
     count, programs = len(points), triton.cdiv(len(points), _LANES)
-    sizes = torch.tensor([len(frame) for frame in frames], device=device)
+    sizes = stacked_counts(map(len, frames), device)
     ends = sizes.cumsum(0)
     frame_of = torch.arange(len(frames), device=device)
     frame_of = frame_of.repeat_interleave(sizes, output_size=count)
@@ -77,7 +80,7 @@ def _grouped(frames, device, corners, cells, limits, by_row) -> tuple[Tensor, ..
     return points, keys, order, counts
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["count"])
 def _key_kernel(
     points, frames, keys, count, low_x, low_y, low_z, edge_x, edge_y, edge_z, nz, ny, nx,
     LANES: tl.constexpr,
@@ -97,7 +100,7 @@ def _key_kernel(
     tl.store(keys + row, tl.where(valid, key, 0x7FFFFFFFFFFFFFFF), inside)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["count"])
 def _first_kernel(keys, order, first, count, LANES: tl.constexpr):
     place = tl.program_id(0) * LANES + tl.arange(0, LANES)
     inside = place < count
@@ -107,7 +110,7 @@ def _first_kernel(keys, order, first, count, LANES: tl.constexpr):
     tl.store(first + tl.load(order + place, inside, 0), starts.to(tl.int64), inside)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["count", "max_points", "max_cells"])
 def _count_kernel(
     keys, order, ranks, starts, counts, count, cells, max_points, max_cells,
     BY_ROW: tl.constexpr, LANES: tl.constexpr,
@@ -131,7 +134,7 @@ def _count_kernel(
     tl.store(counts + slot, used, head & (rank <= max_cells))
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["count"])
 def _mean_kernel(
     points, keys, order, counts, numbers, means, coordinates, count, nz, ny, nx,
     LANES: tl.constexpr,
@@ -153,7 +156,7 @@ def _mean_kernel(
     tl.store(coordinates + target, tl.where(column < 2, plane, line), real)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["count"])
 def _copy_kernel(
     points, keys, order, counts, numbers, ends, grouped, cell_of, sums, cell_keys, count,
     LANES: tl.constexpr,

@@ -20,10 +20,10 @@ def balls(
 ) -> tuple[Tensor, Tensor]:
     """Find the first points around new points, see `ball_query`; `squared` is radius squared."""
     idx, empty = _results(len(new_xyz), samples, xyz.device)
-    points = xyz.contiguous(), counts, new_xyz.contiguous(), new_counts
+    points = xyz.contiguous(), counts.cumsum(0), new_xyz.contiguous(), new_counts.cumsum(0)
     blocks = {"LANES": triton.next_power_of_2(samples), "ROWS": _ROWS, "TILE": _TILE}
     programs, sizes = triton.cdiv(len(new_xyz), _ROWS), (len(counts), len(new_xyz), samples)
-    launch(_ball_kernel, programs, *points, idx, empty, *sizes, SQUARED=squared, **blocks)
+    launch(_ball_kernel, programs, *points, idx, empty, *sizes, warps=8, SQUARED=squared, **blocks)
     return idx, empty
 
 
@@ -45,7 +45,7 @@ def voxels_around(
     blocks = {"ROWS": _PLACES, "LINES": _LINES, "LANES": triton.next_power_of_2(samples)}
     blocks["WIDTH"] = triton.next_power_of_2(2 * reach[2] + 1)
     programs = triton.cdiv(len(new_xyz), _PLACES)
-    launch(_voxel_kernel, programs, *places, idx, empty, *sizes, SQUARED=squared, **blocks)
+    launch(_voxel_kernel, programs, *places, idx, empty, *sizes, warps=8, SQUARED=squared, **blocks)
     return idx, empty
 
 
@@ -55,10 +55,10 @@ def three_nearest(
     """Find squared distances and rows of the nearest places of each point, see `three_nn`."""
     squared = torch.empty_like(points, memory_format=torch.contiguous_format)
     idx = torch.empty(points.shape, dtype=torch.int64, device=points.device)
-    stacks = points.contiguous(), counts, places.contiguous(), place_counts
+    stacks = points.contiguous(), counts.cumsum(0), places.contiguous(), place_counts.cumsum(0)
     programs, sizes = triton.cdiv(len(points), _POINTS), (len(counts), len(points))
     blocks = {"ROWS": _POINTS, "LANES": _LANES}
-    launch(_nearest_kernel, programs, *stacks, squared, idx, *sizes, **blocks)
+    launch(_nearest_kernel, programs, *stacks, squared, idx, *sizes, warps=8, **blocks)
     return squared, idx
 
 
@@ -68,34 +68,31 @@ def _results(rows: int, samples: int, device: torch.device) -> tuple[Tensor, Ten
 
 
 @triton.jit
-def range_in_frame(row, new_counts, counts, frames):
+def range_in_frame(row, new_ends, ends, frames):
     """First row, and the row behind the last, of the points in the frame of each new point.
 
     Both are 0 for a row behind the last new point."""
+    # Bisection: the first frame that ends behind the row.
     frame = tl.zeros_like(row)
-    first = tl.zeros_like(row)
-    new_start = 0
-    for low in range(0, frames, 32):
-        number = low + tl.arange(0, 32)
-        inside = number < frames
-        sizes = tl.load(new_counts + number, inside, 0).to(tl.int32)
-        is_before = (new_start + tl.cumsum(sizes, 0))[None, :] <= row[:, None]
-        is_before &= inside[None, :]
-        new_start += tl.sum(sizes, 0)
-        points = tl.load(counts + number, inside, 0).to(tl.int32)
-        frame += tl.sum(is_before.to(tl.int32), 1)
-        first += tl.sum(tl.where(is_before, points[None, :], 0), 1)
-    count = tl.load(counts + frame, frame < frames, 0).to(tl.int32)
-    return tl.where(frame < frames, first, 0), tl.where(frame < frames, first + count, 0)
+    length = frames
+    while length > 1:
+        half = length // 2
+        frame = tl.where(tl.load(new_ends + frame + half - 1) <= row, frame + half, frame)
+        length -= half
+    real = row < tl.load(new_ends + frame)
+    first = tl.load(ends + frame - 1, real & (frame > 0), 0).to(tl.int32)
+    return first, tl.load(ends + frame, real, 0).to(tl.int32)
 
 
 @triton.jit
 def store_hits(idx, row, columns, hit, hits, samples):
     """Store those of the `columns` that `hit` behind the `hits` of each row; count these too."""
-    place = hits[:, None] + tl.cumsum(hit.to(tl.int32), 1) - 1
-    slot = idx + row.to(tl.int64)[:, None] * samples + place
-    tl.store(slot, columns.to(tl.int64), hit & (place < samples))
-    return hits + tl.sum(hit.to(tl.int32), 1)
+    found = tl.sum(hit.to(tl.int32), 1)
+    if tl.max(found, 0) > 0:  # most blocks hold none
+        place = hits[:, None] + tl.cumsum(hit.to(tl.int32), 1) - 1
+        slot = idx + row.to(tl.int64)[:, None] * samples + place
+        tl.store(slot, columns.to(tl.int64), hit & (place < samples))
+    return hits + found
 
 
 @triton.jit
@@ -108,14 +105,14 @@ def _repeat_first(idx, empty, row, first, hits, inside, samples, LANES: tl.const
     tl.store(empty + row, hits == 0, inside)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["rows"])
 def _ball_kernel(
-    xyz, counts, new_xyz, new_counts, idx, empty, frames, rows, samples,
+    xyz, ends, new_xyz, new_ends, idx, empty, frames, rows, samples,
     SQUARED: tl.constexpr, LANES: tl.constexpr, ROWS: tl.constexpr, TILE: tl.constexpr,
 ):  # fmt: skip
     row = tl.program_id(0) * ROWS + tl.arange(0, ROWS)
     inside = row < rows
-    start, stop = range_in_frame(row, new_counts, counts, frames)
+    start, stop = range_in_frame(row, new_ends, ends, frames)
     x = tl.load(new_xyz + 3 * row, inside, 0.0)[:, None]
     y = tl.load(new_xyz + 3 * row + 1, inside, 0.0)[:, None]
     z = tl.load(new_xyz + 3 * row + 2, inside, 0.0)[:, None]
@@ -138,7 +135,7 @@ def _ball_kernel(
     _repeat_first(idx, empty, row, first, hits, inside, samples, LANES)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["count", "steps", "rows"])
 def _voxel_kernel(
     xyz, keys, new_xyz, new_coordinates, idx, empty, nz, ny, nx, reach_z, reach_y, reach_x,
     count, steps, rows, samples, SQUARED: tl.constexpr, ROWS: tl.constexpr, LINES: tl.constexpr,
@@ -196,14 +193,14 @@ def _first_from(keys, wanted, mask, count, steps):
     return low
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["rows"])
 def _nearest_kernel(
-    points, counts, places, place_counts, squared, idx, frames, rows,
+    points, ends, places, place_ends, squared, idx, frames, rows,
     ROWS: tl.constexpr, LANES: tl.constexpr,
 ):  # fmt: skip
     row = tl.program_id(0) * ROWS + tl.arange(0, ROWS)
     inside = row < rows
-    start, stop = range_in_frame(row, counts, place_counts, frames)
+    start, stop = range_in_frame(row, ends, place_ends, frames)
     x = tl.load(points + 3 * row, inside, 0.0)[:, None]
     y = tl.load(points + 3 * row + 1, inside, 0.0)[:, None]
     z = tl.load(points + 3 * row + 2, inside, 0.0)[:, None]

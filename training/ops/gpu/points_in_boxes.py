@@ -19,10 +19,10 @@ def first_boxes(
 ) -> Tensor:
     """Find the first box of its frame in which each point lies, (N,) int64; see `box_of_points`."""
     box = torch.empty(len(points), dtype=torch.int64, device=points.device)
-    stacks = points, points.stride(0), counts, boxes.contiguous(), box_counts
+    stacks = points, points.stride(0), counts.cumsum(0), boxes.contiguous(), box_counts.cumsum(0)
     programs, sizes = triton.cdiv(len(points), _POINTS), (len(counts), len(points))
     blocks = {"POINTS": _POINTS, "BOXES": _BOXES}
-    launch(_box_kernel, programs, *stacks, box, *sizes, MARGIN=margin, **blocks)
+    launch(_box_kernel, programs, *stacks, box, *sizes, warps=8, MARGIN=margin, **blocks)
     return box
 
 
@@ -34,7 +34,7 @@ def first_points(
     And the number of these points, (M,) int32."""
     idx = torch.zeros(len(boxes), samples, dtype=torch.int64, device=points.device)
     hits = torch.empty(len(boxes), dtype=torch.int32, device=points.device)
-    stacks = points, points.stride(0), counts, boxes.contiguous(), box_counts
+    stacks = points, points.stride(0), counts.cumsum(0), boxes.contiguous(), box_counts.cumsum(0)
     programs, sizes = triton.cdiv(len(boxes), _ROIS), (len(counts), len(boxes), samples)
     blocks = {"ROIS": _ROIS, "TILE": _TILE}
     launch(_point_kernel, programs, *stacks, idx, hits, *sizes, MARGIN=margin, **blocks)
@@ -68,14 +68,14 @@ def _is_inside(dx, dy, dz, length, width, height, cosine, sine):
     return along & across & (tl.abs(dz) <= height)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["rows"])
 def _box_kernel(
-    points, stride, counts, boxes, box_counts, box, frames, rows,
+    points, stride, ends, boxes, box_ends, box, frames, rows,
     MARGIN: tl.constexpr, POINTS: tl.constexpr, BOXES: tl.constexpr,
 ):  # fmt: skip
     row = tl.program_id(0) * POINTS + tl.arange(0, POINTS)
     inside = row < rows
-    start, stop = range_in_frame(row, counts, box_counts, frames)
+    start, stop = range_in_frame(row, ends, box_ends, frames)
     px, py, pz = _load_point(points, stride, row, inside)
     first = tl.full((POINTS,), _NO_ROW, tl.int32)
     high = tl.max(stop, 0)
@@ -92,14 +92,14 @@ def _box_kernel(
     tl.store(box + row, tl.where(first < _NO_ROW, first, -1).to(tl.int64), inside)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["rows"])
 def _point_kernel(
-    points, stride, counts, boxes, box_counts, idx, number, frames, rows, samples,
+    points, stride, ends, boxes, box_ends, idx, number, frames, rows, samples,
     MARGIN: tl.constexpr, ROIS: tl.constexpr, TILE: tl.constexpr,
 ):  # fmt: skip
     row = tl.program_id(0) * ROIS + tl.arange(0, ROIS)
     inside = row < rows
-    start, stop = range_in_frame(row, box_counts, counts, frames)
+    start, stop = range_in_frame(row, box_ends, ends, frames)
     x, y, z, length, width, height, cosine, sine = _load_box(boxes, row, inside, MARGIN)
     hits = tl.where(inside, 0, samples)
     low = tl.min(tl.where(start < stop, start, _NO_ROW), 0)

@@ -18,7 +18,7 @@ def iou_3d(a: Tensor, b: Tensor) -> Tensor:
     out = a.new_empty(frames, rows, columns)
     tiles = triton.cdiv(rows, _ROWS) * triton.cdiv(columns, _COLUMNS)
     arguments = (a.contiguous(), b.contiguous(), out, rows, columns)
-    launch(_iou_kernel, frames * tiles, *arguments, ROWS=_ROWS, COLUMNS=_COLUMNS)
+    launch(_iou_kernel, frames * tiles, *arguments, warps=8, ROWS=_ROWS, COLUMNS=_COLUMNS)
     return out
 
 
@@ -37,14 +37,14 @@ def unsuppressed(
     least = torch.full((1,), threshold, dtype=torch.float64, device=boxes.device)
     tiles = triton.cdiv(count, _ROWS) * words
     overlaps = (boxes.contiguous(), sizes, least, bits, count)
-    launch(_overlap_kernel, frames * tiles, *overlaps, ROWS=_ROWS, BITS=_BITS)
+    launch(_overlap_kernel, frames * tiles, *overlaps, warps=8, ROWS=_ROWS, BITS=_BITS)
     width = triton.next_power_of_2(max(1, words))
     survivors = (bits, sizes, rows, counts, count, limit)
     launch(_survivor_kernel, frames, *survivors, warps=16, BITS=_BITS, WORDS=width)
     return rows, counts
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["rows"])
 def _iou_kernel(a, b, out, rows, columns, ROWS: tl.constexpr, COLUMNS: tl.constexpr):
     across = tl.cdiv(columns, COLUMNS)
     tiles = tl.cdiv(rows, ROWS) * across
@@ -68,7 +68,7 @@ def _iou_kernel(a, b, out, rows, columns, ROWS: tl.constexpr, COLUMNS: tl.conste
     tl.store(place, iou.to(out.dtype.element_ty), at_row[:, None] & at_column[None, :])
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["count"])
 def _overlap_kernel(boxes, sizes, least, bits, count, ROWS: tl.constexpr, BITS: tl.constexpr):
     """A bit for each better box that overlaps too much, in words of the rows of boxes."""
     words = tl.cdiv(count, BITS)
@@ -80,17 +80,20 @@ def _overlap_kernel(boxes, sizes, least, bits, count, ROWS: tl.constexpr, BITS: 
         row, better = first + tl.arange(0, ROWS), word * BITS + tl.arange(0, BITS)
         boxes += frame * count * 7
         at_row, at_column = row < size, better < size
-        size_a, size_b, common = _sizes_and_common(
-            boxes + better * 7, boxes + row * 7, at_column, at_row
-        )
-        union = size_a + size_b - common
-        hit = tl.where(union > 0, common / tl.where(union > 0, union, 1.0), 0.0) > tl.load(least)
-        hit &= (better[:, None] < row[None, :]) & at_row[None, :]
-        bit = hit.to(tl.int64) << tl.arange(0, BITS).to(tl.int64)[:, None]
-        tl.store(bits + (frame * count + row) * words + word, tl.sum(bit, 0), at_row)
+        a, b = boxes + better * 7, boxes + row * 7
+        pair = (better[:, None] < row[None, :]) & at_row[None, :]
+        limit = tl.load(least)
+        word_bits = tl.zeros((ROWS,), tl.int64)
+        if tl.max((pair & _could_exceed(a, b, at_column, at_row, limit)).to(tl.int32)) > 0:
+            size_a, size_b, common = _sizes_and_common(a, b, at_column, at_row)
+            union = size_a + size_b - common
+            hit = tl.where(union > 0, common / tl.where(union > 0, union, 1.0), 0.0) > limit
+            bit = (hit & pair).to(tl.int64) << tl.arange(0, BITS).to(tl.int64)[:, None]
+            word_bits = tl.sum(bit, 0)
+        tl.store(bits + (frame * count + row) * words + word, word_bits, at_row)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["rows", "count"])
 def _survivor_kernel(
     bits, sizes, rows, counts, count, limit, BITS: tl.constexpr, WORDS: tl.constexpr
 ):
@@ -125,6 +128,28 @@ def _survivor_kernel(
         survivors = tl.minimum(limit, survivors + tl.sum(survives.to(tl.int32), 0))
         word += 1
     tl.store(counts + frame, survivors.to(tl.int64))
+
+
+@triton.jit
+def _could_exceed(a, b, at_a, at_b, threshold):
+    """Whether the IoU of each pair may exceed the threshold, see `training.ops.rotated_iou`."""
+    length, width = _column(a, 3, at_a)[:, None], _column(a, 4, at_a)[:, None]
+    other_length, other_width = _column(b, 3, at_b)[None, :], _column(b, 4, at_b)[None, :]
+    dx = _column(b, 0, at_b)[None, :] - _column(a, 0, at_a)[:, None]
+    dy = _column(b, 1, at_b)[None, :] - _column(a, 1, at_a)[:, None]
+    yaw, other_yaw = _column(a, 6, at_a), _column(b, 6, at_b)
+    cos_a, sin_a = tl.cos(yaw)[:, None], tl.sin(yaw)[:, None]
+    cos_b, sin_b = tl.cos(other_yaw)[None, :], tl.sin(other_yaw)[None, :]
+    x, y = tl.abs(cos_a * dx + sin_a * dy), tl.abs(cos_a * dy - sin_a * dx)
+    cos, sin = tl.abs(cos_a * cos_b + sin_a * sin_b), tl.abs(cos_a * sin_b - sin_a * cos_b)
+    half_x = 0.5 * (cos * other_length + sin * other_width)
+    half_y = 0.5 * (sin * other_length + cos * other_width)
+    wide = tl.minimum(tl.minimum(0.5 * length + half_x - x, length), 2 * half_x)
+    deep = tl.minimum(tl.minimum(0.5 * width + half_y - y, width), 2 * half_y)
+    size_a, size_b = length * width, other_length * other_width
+    common = tl.minimum(wide * deep, tl.minimum(size_a, size_b))
+    enough = common * (1 + 1e-9) >= threshold * (size_a + size_b - common)
+    return (wide >= 0) & (deep >= 0) & enough
 
 
 @triton.jit

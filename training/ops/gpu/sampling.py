@@ -10,41 +10,44 @@ from training.ops.gpu.launch import launch
 _LANES = 4096
 
 
-def furthest_rows(xyz: Tensor, starts: Tensor, sizes: Tensor, samples: int) -> Tensor:
+def furthest_rows(xyz: Tensor, starts: Tensor, sizes: Tensor, samples: int, largest: int) -> Tensor:
     """Choose rows of frames that have points, counted within the frame, (B, samples) int64.
 
     Points (N, 3), of which frame b has `sizes[b]` from row `starts[b]` on. With fewer points than
     samples its rows repeat."""
     rows = torch.zeros(len(sizes), samples, dtype=torch.int64, device=xyz.device)
     distance = xyz.new_full((len(xyz),), torch.inf)
-    arguments = (xyz.contiguous(), starts, sizes, distance, rows, samples)
-    launch(_furthest_kernel, len(sizes), *arguments, warps=16, LANES=_LANES)
+    arguments = (xyz.T.contiguous(), starts, sizes, distance, rows, samples, len(xyz))
+    lanes = min(_LANES, max(128, triton.next_power_of_2(largest)))
+    launch(_furthest_kernel, len(sizes), *arguments, warps=max(1, lanes // 128), LANES=lanes)
     return rows.gather(1, torch.arange(samples, device=xyz.device) % sizes[:, None])
 
 
-@triton.jit
-def _furthest_kernel(xyz, starts, sizes, distance, rows, samples, LANES: tl.constexpr):
+@triton.jit(do_not_specialize=["total"])
+def _furthest_kernel(xyz, starts, sizes, distance, rows, samples, total, LANES: tl.constexpr):
     frame = tl.program_id(0)
     count = tl.load(sizes + frame).to(tl.int32)
     first = tl.load(starts + frame)
-    xyz += 3 * first
+    xs = xyz + first
+    ys = xs + total
+    zs = ys + total
     distance += first
     rows += frame.to(tl.int64) * samples
     lanes = tl.arange(0, LANES)
     newest = 0
     for sample in range(1, tl.minimum(samples, count)):
-        x = tl.load(xyz + 3 * newest)
-        y = tl.load(xyz + 3 * newest + 1)
-        z = tl.load(xyz + 3 * newest + 2)
+        x = tl.load(xs + newest)
+        y = tl.load(ys + newest)
+        z = tl.load(zs + newest)
         # The furthest of each lane's points, then that of all lanes.
         furthest = tl.full((LANES,), -1.0, x.dtype)
         place = tl.full((LANES,), 0x7FFFFFFF, tl.int32)
         for low in range(0, count, LANES):
             row = low + lanes
             inside = row < count
-            dx = tl.load(xyz + 3 * row, inside, 0.0) - x
-            dy = tl.load(xyz + 3 * row + 1, inside, 0.0) - y
-            dz = tl.load(xyz + 3 * row + 2, inside, 0.0) - z
+            dx = tl.load(xs + row, inside, 0.0) - x
+            dy = tl.load(ys + row, inside, 0.0) - y
+            dz = tl.load(zs + row, inside, 0.0) - z
             squared = dx * dx + dy * dy + dz * dz
             nearest = tl.minimum(squared, tl.load(distance + row, inside, -1.0))
             tl.store(distance + row, nearest, inside)

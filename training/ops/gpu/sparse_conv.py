@@ -47,7 +47,7 @@ def _blocks(outputs: int, positions: int, inputs: int) -> dict[str, int]:
     return {"ROWS": _ROWS, "INPUTS": in_block, "OUTPUTS": min(_OUTPUTS, out_block)}
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["rows"])
 def _convolution_kernel(
     features, weight, table, result, rows, outputs, positions, inputs, of_output, of_position,
     of_input, ROWS: tl.constexpr, INPUTS: tl.constexpr, OUTPUTS: tl.constexpr,
@@ -72,7 +72,7 @@ def _convolution_kernel(
     tl.store(result + (row * outputs + output), total, inside & (output < outputs))
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["rows"])
 def _gradient_kernel(
     features, gradient, table, sums, rows, outputs, positions, inputs,
     PORTION: tl.constexpr, ROWS: tl.constexpr, INPUTS: tl.constexpr, OUTPUTS: tl.constexpr,

@@ -43,11 +43,11 @@ def window_starts(
     starts = coordinates.new_empty(len(coordinates) * most + 1)
     sizes = (len(coordinates), *extents, *counts, *reach, *kernel, *stride, *padding)
     programs = triton.cdiv(len(starts), _LANES)
-    launch(_start_kernel, programs, coordinates.contiguous(), starts, *sizes, LANES=_LANES)
+    launch(_start_kernel, programs, coordinates.contiguous(), starts, *sizes, warps=8, LANES=_LANES)
     return starts
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["sites", "count"])
 def _table_kernel(
     keys, starts, inputs, outputs, sites, count, extent_y, extent_x,
     kernel_z, kernel_y, kernel_x, LANES: tl.constexpr,
@@ -70,7 +70,7 @@ def _table_kernel(
     tl.store(outputs + position * sites + site, start, hit)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["sites"])
 def _start_kernel(
     coordinates, starts, sites, extent_z, extent_y, extent_x, count_z, count_y, count_x,
     reach_z, reach_y, reach_x, kernel_z, kernel_y, kernel_x, stride_z, stride_y, stride_x,
