@@ -87,12 +87,12 @@ def range_in_frame(row, new_ends, ends, frames):
 @triton.jit
 def store_hits(idx, row, columns, hit, hits, samples):
     """Store those of the `columns` that `hit` behind the `hits` of each row; count these too."""
-    found = tl.sum(hit.to(tl.int32), 1)
-    if tl.max(found, 0) > 0:  # most blocks hold none
+    number = tl.sum(hit.to(tl.int32), 1)
+    if tl.max(number, 0) > 0:  # most blocks hold none
         place = hits[:, None] + tl.cumsum(hit.to(tl.int32), 1) - 1
         slot = idx + row.to(tl.int64)[:, None] * samples + place
         tl.store(slot, columns.to(tl.int64), hit & (place < samples))
-    return hits + found
+    return hits + number
 
 
 @triton.jit
