@@ -69,7 +69,8 @@ def surrogate_name(surrogate: str) -> str:
 
 def surrogate_short(surrogate: str) -> str:
     """Return the display name where there is little room."""
-    return SURROGATES[surrogate].short or surrogate_name(surrogate)
+    short = SURROGATES[surrogate].short if surrogate in SURROGATES else ""
+    return short or surrogate_name(surrogate)
 
 
 def surrogate_unit(surrogate: str) -> str:

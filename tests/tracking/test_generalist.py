@@ -20,7 +20,9 @@ from tracking.findings.generalist import (
 )
 from tracking.findings.groups import groups
 from tracking.findings.summary import seed_means
+from tracking.report.analysis import Analysis
 from tracking.report.headline import headline_ranking
+from tracking.report.sections.coefficient_map import coefficient_map_section
 from tracking.run_folders.sweep import RunFolder
 
 NAMES = tuple(f"p{i}" for i in range(6))
@@ -145,3 +147,10 @@ def test_the_page_says_it_or_nothing_where_all_placements_are_equal(tmp_path):
     assert regret not in text
     # Columns without a number are left out.
     assert "\n| Car | 3D AP @ 0.7 |\n" in text
+
+
+def test_the_first_screen_has_the_generalist_among_the_predictors(tmp_path):
+    evaluators = ("specialist", "generalist")
+    run = RunFolder.read(write_run(tmp_path / "run", NAMES, evaluators=evaluators))
+    section = coefficient_map_section(Analysis(run))
+    assert "generalist's 3D AP" in section.figures[0].data[0].y

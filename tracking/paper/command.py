@@ -34,7 +34,7 @@ def figures(
 
     with checked_input():
         analysis = Analysis(RunFolder.read(run))
-    paths = write_figures(analysis, out or run / "figures", str(kind))
+        paths = write_figures(analysis, out or run / "figures", str(kind))
     if as_json:
         print_json({"figures": [str(path) for path in paths]})
     else:
