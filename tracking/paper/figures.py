@@ -39,6 +39,7 @@ _STYLE = {
     "lines.markersize": 4,
     "pdf.fonttype": 42,  # text stays text
     "svg.fonttype": "none",
+    "text.parse_math": False,  # names may have $
     "svg.hashsalt": "lidarplace",  # a figure is the same file each time
 }
 _MOST_NAMED = 10  # placements with their names beside the points
