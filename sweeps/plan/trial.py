@@ -16,7 +16,7 @@ from sweeps.stages.pog import PogStage
 from sweeps.stages.recall import RecallStage
 from sweeps.stages.requirements import RequirementsStage
 from sweeps.stages.scene import SceneStage
-from sweeps.stages.stage import Stage
+from sweeps.stages.stage import Stage, of_type
 from sweeps.stages.surrogates import Scores, SurrogatesStage
 from sweeps.stages.task import Task, tasks_of
 from sweeps.stages.train import FinetuneStage, Network
@@ -123,15 +123,14 @@ class Plan:
     cautions: tuple[str, ...] = ()
 
     @property
-    def gpu(self) -> bool:
-        """Whether a GPU evaluates placements by pretrained weights."""
-        return any(isinstance(task.stage, Network) and task.stage.gpu for task in self.tasks)
+    def networks(self) -> list[Network]:
+        """Stages with a network."""
+        return of_type(Network, (task.stage for task in self.tasks))
 
     @property
     def typical(self) -> tuple[TypicalObject, ...]:
         """Objects of the classes that have no anchors in a preset; each once."""
-        networks = (task.stage for task in self.tasks if isinstance(task.stage, Network))
-        return tuple(dict.fromkeys(item for network in networks for item in network.typical))
+        return tuple(dict.fromkeys(item for network in self.networks for item in network.typical))
 
     def needed_for(self, results: Iterable[Task]) -> list[Task]:
         """List the tasks that lead to `results`, and these, in the order of the plan."""
