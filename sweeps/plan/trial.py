@@ -16,7 +16,7 @@ from sweeps.stages.pog import PogStage
 from sweeps.stages.recall import RecallStage
 from sweeps.stages.requirements import RequirementsStage
 from sweeps.stages.scene import SceneStage
-from sweeps.stages.stage import Stage, of_type
+from sweeps.stages.stage import Stage
 from sweeps.stages.surrogates import Scores, SurrogatesStage
 from sweeps.stages.task import Task, tasks_of
 from sweeps.stages.train import FinetuneStage, Network
@@ -125,7 +125,7 @@ class Plan:
     @property
     def networks(self) -> list[Network]:
         """Stages with a network."""
-        return of_type(Network, (task.stage for task in self.tasks))
+        return [task.stage for task in self.tasks if isinstance(task.stage, Network)]
 
     @property
     def typical(self) -> tuple[TypicalObject, ...]:
