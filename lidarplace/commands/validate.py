@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lidarplace.command_line.options import LogArgument
+from lidarplace.command_line.options import LogArgument, VehicleOption
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import checked_input, new_app, verb
 from lidarplace.configuration.correction import read_correction, write_correction
@@ -31,14 +31,7 @@ def main(
         str | None,
         typer.Option(metavar="FILE|NAME", help="evaluate this correction instead of fitting one"),
     ] = None,
-    vehicle: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="body of the vehicle: YAML file with the value of a sweep's key vehicle, or a "
-            "mesh in metres; a sedan by default",
-        ),
-    ] = None,
+    vehicle: VehicleOption = None,
     without: Annotated[
         list[str] | None,
         typer.Option(
