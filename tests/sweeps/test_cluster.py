@@ -24,7 +24,7 @@ from sweeps.execution.ray_cluster import (
     _alone,
     _check_alone,
     _check_token_file,
-    _environment,
+    environment,
     ray_session,
 )
 from tests.forked import GUARD_S, run_forked
@@ -267,7 +267,7 @@ def test_a_token_that_others_can_read_is_told(tmp_path, monkeypatch, caplog):
 def test_what_a_local_ray_is_told_others_are_not(monkeypatch):
     monkeypatch.setenv("RAY_AUTH_TOKEN", "of a cluster")
     monkeypatch.delenv("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", raising=False)
-    with _environment({**_alone(), "RAY_AUTH_TOKEN": "own"}):
+    with environment({**_alone(), "RAY_AUTH_TOKEN": "own"}):
         assert os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] == "0"
         assert os.environ["RAY_AUTH_TOKEN"] == "own"
     assert os.environ["RAY_AUTH_TOKEN"] == "of a cluster"
