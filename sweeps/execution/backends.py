@@ -191,10 +191,10 @@ def backend_for(settings: RaySettings) -> Iterator[Backend]:
     """Return the backend that `ray:` names, shut down at the end with all calls that still run.
 
     Errors of `ray_session` come from its first use."""
-    from sweeps.execution.ray_cluster import environment, ray_session
+    from sweeps.execution.ray_cluster import ray_session, set_variables
 
     if settings.address == "debug":
-        with environment({"CUDA_VISIBLE_DEVICES": ""} if settings.num_gpus == 0 else {}):
+        with set_variables({"CUDA_VISIBLE_DEVICES": ""} if settings.num_gpus == 0 else {}):
             yield InProcess()
         return
     with ExitStack() as stack:

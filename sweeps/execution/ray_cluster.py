@@ -51,7 +51,7 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
     # Three tries to reach a `ray://` server take 15 s in place of 30.
     os.environ.setdefault("RAY_CLIENT_MAX_CONNECTION_TIMEOUT_S", f"{_CONNECT_S:.0f}")
     local = settings.address == "local"
-    with environment(_alone() if local else {}):
+    with set_variables(_alone() if local else {}):
         import ray
 
         try:
@@ -88,7 +88,7 @@ def _alone() -> dict[str, str]:
 
 
 @contextmanager
-def environment(variables: Mapping[str, str]) -> Iterator[None]:
+def set_variables(variables: Mapping[str, str]) -> Iterator[None]:
     """Set variables for the block alone: other Rays, such as a cluster's, need others."""
     before = {name: os.environ[name] for name in variables if name in os.environ}
     os.environ.update(variables)
