@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from lidarplace.base.errors import InputError
 from lidarplace.configuration.mounting import PlaceSettings, number_as_interval, ordered
-from lidarplace.configuration.settings import Amount, Count, Degrees, Name, Settings
+from lidarplace.configuration.settings import Count, Degrees, Name, Price, Settings
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone
 
@@ -56,9 +56,7 @@ class ZoneSettings(PlaceSettings, AngleSettings):
     facing_deg: Degrees = Field(
         0.0, description="heading that yaw_deg is relative to: 45 faces the front left"
     )
-    price: Amount = Field(
-        0.0, description="price of a mount in this zone, in addition to its LiDAR"
-    )
+    price: Price = Field(0.0, description="price of a mount in this zone, in addition to its LiDAR")
 
     @model_validator(mode="after")
     def _possible(self) -> ZoneSettings:

@@ -21,7 +21,7 @@ from lidarplace.configuration.mounting import (
 )
 from lidarplace.configuration.placement import MOST_MOUNTS, MountSettings, PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.configuration.settings import Amount, Name, Settings, fault, short_for
+from lidarplace.configuration.settings import Name, Price, Settings, fault, short_for
 from lidarplace.configuration.vehicle import OwnVehicle, VehicleSettings, vehicle_of
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.configuration.zones import CountRange, ZoneSettings
@@ -63,7 +63,7 @@ class RigsSettings(Settings):
         default={}, description="number of LiDARs by their name in the catalogue, or [min, max]"
     )
     keep_out: KeepOuts = Field(default={})
-    prices: dict[Name, Amount] = Field(
+    prices: dict[Name, Price] = Field(
         default={}, description="prices of LiDARs by their name in the catalogue, in any currency"
     )
     constraints: LimitSettings = Field(LimitSettings(), description="limits of a rig")

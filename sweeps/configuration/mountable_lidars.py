@@ -8,7 +8,7 @@ from pydantic import Field
 
 from lidarplace.configuration.placement import MountSettings
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.configuration.settings import Amount, Name
+from lidarplace.configuration.settings import Amount, Name, Price
 from lidarplace.configuration.zones import CountRange
 from lidarplace.rigs.catalogue.datasheet import datasheet
 
@@ -19,7 +19,7 @@ class ModelSettings(SensorSettings):
     count: CountRange | None = Field(
         None, description="number of LiDARs of it in a rig, or [min, max]; null: any"
     )
-    price: Amount | None = Field(None, description="in any currency")
+    price: Price | None = Field(None, description="in any currency")
     power: Amount | None = Field(None, description="watts; those of the catalogue if null")
 
     @property

@@ -285,7 +285,7 @@ class SearchSettings(Settings):
     def zone_counts(self) -> dict[str, tuple[int, int]]:
         """Least and greatest number of LiDARs by zone; a mirrored pair counts once."""
         _, most = self.total
-        return {n: zone.lidars or (0, most // zone.size) for n, zone in self.zones.items()}
+        return {n: zone.lidars or (0, -(-most // zone.size)) for n, zone in self.zones.items()}
 
     def _check_zones(self) -> None:
         """Check zones: their models, and whether there is a number of LiDARs."""
@@ -296,8 +296,9 @@ class SearchSettings(Settings):
                 "missing; other zones have it", key=f"zones.{without[0]}.lidars", fix=fix
             )
         if self.by_zone and self.symmetric:
-            raise InputError("zones with own keys need `mirrored`, too", key="symmetric")
-        if not self.total[1]:
+            problem = "the zones differ in numbers, models or angles"
+            raise InputError(problem, key="symmetric", fix="set `mirrored` in the zones instead")
+        if not any(high for _, high in self.zone_counts.values()):
             raise InputError("no zone allows a LiDAR", key="zones")
         mountable(self.zones, vehicle_of(self.vehicle))
         models = ", ".join(self.models) or "one of search.models, which has none"

@@ -208,5 +208,5 @@ def test_a_rig_that_the_zones_have_no_room_for_is_refused():
     level = [Mount(x, 0.1, 2) for x in (-0.3, 0.0, 0.3)]
     with refused("a LiDAR at"):
         assign_to_slots(space, [MountedLidar("", "", mount) for mount in level])
-    with refused("more or fewer"):
+    with refused("more or fewer LiDARs"):
         assign_to_slots(space, [MountedLidar("", "", level[0])])

@@ -1,7 +1,7 @@
 """Numbers of LiDARs by zone and model that keep all bounds: listed, and the nearest to a wish."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -36,7 +36,7 @@ def count_all(groups: Sequence[Group], bounds: Sequence[CountBound]) -> tuple[Co
         )
     number = sum(way for size, way in ways.items() if total.allows(size))
     if not number:
-        raise _impossible(total, ways, "the zones cannot hold this number")
+        raise _impossible(total, ways.keys() - {0}, "impossible with the numbers of the zones")
     if number > MOST_COUNTS:
         most, fix = f"at most {MOST_COUNTS:,}", "set ranges of `lidars` in fewer zones"
         problem, key = "too many ways to divide LiDARs", "search.zones"
@@ -120,16 +120,15 @@ def _first_impossible(groups: Sequence[Group], bounds: Sequence[CountBound]) -> 
         possible = possible_counts(groups, [*bounds[:number], open_bound]).values()
         numbers = {sums[number] for every in possible for sums in every}
         if not any(map(bound.allows, numbers)):
-            return _impossible(bound, numbers, "impossible with the zones and other counts")
+            return _impossible(bound, numbers, "impossible with the other numbers")
     raise AssertionError
 
 
-def _impossible(bound: CountBound, numbers: Mapping[int, int] | set[int], text: str) -> InputError:
+def _impossible(bound: CountBound, numbers: Collection[int], text: str) -> InputError:
     """Return the error of a bound; `numbers`: what a rig can have instead."""
     low, *rest = sorted(numbers)
     high = rest[-1] if rest else low
     together = high - low == len(rest)
     expected = f"{low} to {high}" if rest and together else ", ".join(map(str, [low, *rest]))
-    return InputError(
-        text, key=f"search.{bound.key}", expected=expected, found=bound.text, fix="change a count"
-    )
+    fix = "change it, or a number of a zone or a model"
+    return InputError(text, key=f"search.{bound.key}", expected=expected, found=bound.text, fix=fix)

@@ -343,7 +343,7 @@ def assign_to_slots(space: Space, lidars: Sequence[MountedLidar]) -> list[Assign
     no rigs of such counts, or a LiDAR has no slot."""
     total, left = space.bounds[-1], list(lidars)
     if not total.allows(len(lidars)):
-        problem = f"has {len(lidars)} LiDARs, more or fewer than search.lidars"
+        problem = "more or fewer LiDARs than search.lidars allows"
         raise InputError(problem, expected=total.text, found=len(lidars))
     named = Counter(lidar.zone for lidar in lidars)
     broken = None
