@@ -62,11 +62,7 @@ class VoxelSetAbstraction(nn.Module):
         )
 
     def forward(
-        self,
-        points: Tensor,
-        counts: Sequence[int],
-        scales: Mapping[str, SparseTensor],
-        bev: Tensor,
+        self, points: Tensor, counts: Sequence[int], scales: Mapping[str, SparseTensor], bev: Tensor
     ) -> Keypoints:
         """Keypoints of points (N, 4), float32, finite and in the range, `counts` of each frame.
 
