@@ -51,7 +51,7 @@ def _figure(curves: Sequence[DetectionCurve], seen: pd.DataFrame, unit: str) -> 
             marker={"color": shade, "symbol": symbol(number), "size": 8},
             name=f"{label}, found",
             customdata=[f"{rows:,} objects, {single:,} individuals" for rows, single in counts],
-            hovertemplate=f"%{{x:.3g}} {unit}: %{{y:.1%}} found, %{{customdata}}<extra></extra>",
+            hovertemplate=f"%{{x:.3g}} {unit}: %{{y:.1f}} % found, %{{customdata}}<extra></extra>",
         )
         grid = np.geomspace(1, most, 60)
         line = (grid, curve.probability(grid)) if unit == "cells" else (x, bins["expected"])
@@ -61,7 +61,7 @@ def _figure(curves: Sequence[DetectionCurve], seen: pd.DataFrame, unit: str) -> 
             mode="lines",
             line={"color": shade},
             name=f"{label}, curve",
-            hovertemplate=f"%{{x:.3g}} {unit}: %{{y:.1%}} by the curve<extra></extra>",
+            hovertemplate=f"%{{x:.3g}} {unit}: %{{y:.1f}} % by the curve<extra></extra>",
         )
     powers = [10.0**n for n in range(int(np.log10(most)) + 1)]
     ends = [np.log10(_NOTHING) - 0.1, np.log10(most) + 0.1]
