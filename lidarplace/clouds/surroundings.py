@@ -91,14 +91,14 @@ class Surroundings:
 
     def shared_parts(self, frames: Sequence[int], reach: float) -> list[Parts]:
         """Return the `parts` of every frame, faster than one by one; the first ones are kept."""
-        parts = {frame: self._parts.get((frame, reach)) for frame in frames}
-        if missing := [frame for frame in frames if parts[frame] is None]:
+        kept = {f: self._parts[f, reach] for f in frames if (f, reach) in self._parts}
+        if missing := [frame for frame in frames if frame not in kept]:
             for frame, of_frame in zip(missing, self._computed(missing, reach), strict=True):
-                parts[frame] = of_frame
+                kept[frame] = of_frame
                 if self._kept < _MOST_PARTS:
                     self._parts[frame, reach] = of_frame
                     self._kept += len(of_frame)
-        return [parts[frame] for frame in frames]
+        return [kept[frame] for frame in frames]
 
     def _computed(self, frames: Sequence[int], reach: float) -> list[Parts]:
         rows = [self._checked_rows(frame) for frame in frames]
