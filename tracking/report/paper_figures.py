@@ -189,12 +189,14 @@ def _scatter(analysis: Analysis, surrogate: str) -> Figure | None:
         return None
     figure, axes = _panels(len(panels), min(len(panels), 2 if len(panels) != 3 else 3), 2.0)
     for axis, (name, (points, row)) in zip(axes, panels.items(), strict=True):
-        half = points["half"].fillna(0.0)
         for i, placement in enumerate(run.placements):
-            if placement in points.index:
-                x, y = points.loc[placement, [surrogate, "mean"]]
-                style = {"fmt": _MARKERS[i % len(_MARKERS)], "color": colour(i), "lw": 0.8}
-                axis.errorbar(x, y, half[placement], label=placement, **style)
+            part = points[points.index == placement]
+            if len(part):
+                half, shape = part["half"].fillna(0.0), _MARKERS[i % len(_MARKERS)]
+                bars = axis.errorbar(
+                    part[surrogate], part["mean"], half, fmt=shape, color=colour(i), lw=0.8
+                )
+                bars.set_label(placement)
         interval = labels.interval(row["spearman_low"], row["spearman_high"])
         rho = f"ρ = {labels.signed(row['spearman'])} {interval}"
         axis.set_title(f"{class_label(name)}\n{rho}")
