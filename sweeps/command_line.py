@@ -55,7 +55,9 @@ VERBS = {
     ),
     "report": Verb("tracking.report.command", "Write the report of a sweep again."),
     "figures": Verb(
-        "tracking.paper.command", "Write figures of a sweep as files for a paper.", "sweeps"
+        "tracking.report.figures_command",
+        "Write figures of a sweep as files for a paper.",
+        "sweeps",
     ),
     "search-report": Verb("tracking.search_report.command", "Write the report of a search again."),
     "dashboard": Verb("tracking.dashboard", "Open MLflow with the runs of sweeps.", "sweeps"),
@@ -66,7 +68,7 @@ VERBS = {
         "lidarplace.commands.describe", "Print frames and objects per frame of box logs."
     ),
     "validate": Verb(
-        "lidarplace.commands.validate", "Compare the simulator with the real points of a log."
+        "tracking.validation.command", "Compare the simulator with the real points of a log."
     ),
     "view": Verb("lidarplace.commands.view", "Write a page of one frame of a box log."),
     "studio": Verb("lidarplace.studio.command", "Place LiDARs by hand in the browser.", "studio"),

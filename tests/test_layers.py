@@ -66,8 +66,7 @@ FLOORS = {
         "findings",
         "figures",
         "mlflow pages",
-        "dashboard report search_report",
-        "paper",
+        "dashboard report search_report validation",
     ),
     "tracking.figures": ("kit", "of_searches"),
     "tracking.report": (
@@ -75,10 +74,10 @@ FLOORS = {
         "recommendation",
         "analysis",
         "cautions sections",
-        "decision",
+        "decision paper_figures",
         "failures",
         "build",
-        "command",
+        "command figures_command",
     ),
     "sweeps": (
         "configuration",
