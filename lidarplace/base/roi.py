@@ -26,6 +26,13 @@ def _interval(key: str, ends: Any) -> Interval:
     return low, high
 
 
+def _nearest(low: float, high: float, edge: float) -> Interval:
+    """Return the nearest interval of whole edges: symmetric about 0, or with the same lower end."""
+    length = max(1, round((high - low) / edge)) * edge
+    start = -0.5 * length if low == -high else low
+    return round(start, 9), round(start + length, 9)
+
+
 @dataclass(frozen=True)
 class Roi:
     """A box in the ego frame, divided into cubic voxels.
@@ -60,10 +67,15 @@ class Roi:
                 most = f"at most {MOST_CELLS:,} voxels"
                 raise InputError(problem, key=key, expected=most, found=f"{cells:g}")
             if round(cells) < 1 or abs(cells - round(cells)) > 1e-6 * max(1.0, cells):
-                whole = max(1, round(cells))
-                fix = f"the nearest length is {whole * edge:.10g} m, "
-                fix += f"the nearest resolution {(high - low) / whole:.10g} m"
+                near_low, near_high = _nearest(low, high, edge)
+                fix = f"the nearest is [{near_low:g}, {near_high:g}], "
+                fix += f"the nearest resolution {(high - low) / max(1, round(cells)):.10g} m"
                 raise InputError(problem, key=key, expected="a whole number of voxels", fix=fix)
+
+    @classmethod
+    def nearest(cls, x: Interval, y: Interval, z: Interval, resolution: float) -> Roi:
+        """Return the ROI of whole voxels that is nearest to these sides. Raises as `Roi`."""
+        return cls(*(_nearest(*side, resolution) for side in (x, y, z)), resolution)
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -137,6 +137,8 @@ def read_placement_settings(path: Path) -> PlacementSettings:
 
     Raises OSError and ValueError as `read_placement` does."""
     raw = read_yaml_file(path)
+    if isinstance(raw, dict) and "mounts" in raw and "search" in raw:  # the answer of a search
+        raw = {key: value for key, value in raw.items() if key in PlacementSettings.model_fields}
     if isinstance(raw, dict) and "mounts" not in raw:
         such = "a list of LiDARs, such as mounts: [{x: 0, y: 0, z: 2}]"
         raise InputError("missing", place=path, key="mounts", expected=such)

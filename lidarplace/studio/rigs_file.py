@@ -12,6 +12,7 @@ import yaml
 from pydantic import Field, ValidationError, model_validator
 
 from lidarplace.base.errors import at
+from lidarplace.configuration.answer import as_rigs, is_answer
 from lidarplace.configuration.mounting import (
     KeepOuts,
     LimitSettings,
@@ -169,7 +170,7 @@ def read_rigs(path: Path) -> RigsFile:
 
     Raises OSError: it cannot be read; ValueError: it is no such file, names file, key and value."""
     content, context = read_yaml_file(path), {"folder": path.parent}
-    content = {} if content is None else content
+    content = as_rigs(content, path) if is_answer(content) else content or {}
     try:
         if isinstance(content, dict) and "mounts" in content:
             RigSettings.model_validate(content, context=context)

@@ -45,7 +45,7 @@ def cheapest(
     console = output()
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
     with checked_input():
-        problem = read_problem(config, set_ or [])
+        problem = read_problem(config, set_ or [], {"roi.fit": "nearest"})  # needs no voxels
         summary = check(problem)
         if dry_run:
             say(summary) if not as_json else print_json({"summary": summary})

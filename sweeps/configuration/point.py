@@ -59,6 +59,11 @@ class RoiSettings(Settings):
     y: tuple[Length, Length] = Field((-20.0, 20.0), description="from right to left, metres")
     z: tuple[Length, Length] = Field((0.0, 4.0), description="above the ground, metres")
 
+    fit: Literal["exact", "nearest"] = Field(
+        "exact",
+        description="nearest: sides that are no whole number of voxels become the nearest that are",
+    )
+
     @field_validator("x", "y", "z")
     @classmethod
     def _ordered(cls, interval: tuple[float, float]) -> tuple[float, float]:
@@ -294,7 +299,7 @@ class Point(Settings):
             problem = f"{self.surrogate.resolution:g} m divides the ROI into {voxels:.3g} voxels"
             expected = f"at most {MOST_VOXELS:.3g}"
             raise InputError(problem, key="surrogate.resolution", expected=expected)
-        self.voxel_roi()
+        self._fit_roi()
         if self.surrogate.mount_draws and not self.mounting_errors.errors():
             fix = "set mounting_errors, such as {offset: 0.01, angle_deg: 0.5}"
             raise InputError("no mount is off", key="surrogate.mount_draws", fix=fix)
@@ -304,6 +309,26 @@ class Point(Settings):
             expected = f"at most {KEEP_M:g} m, as simulated traffic is logged"
             raise InputError(problem, key="roi", expected=expected)
         return self
+
+    @property
+    def needs_voxels(self) -> bool:
+        """Whether anything is computed on the voxels of the ROI."""
+        return True
+
+    def _fit_roi(self) -> None:
+        """Replace the ROI by the nearest of whole voxels, if that is asked for or nothing needs it.
+
+        Raises InputError: it is no whole number of voxels, and this is not so."""
+        sides = (self.roi.x, self.roi.y, self.roi.z, self.surrogate.resolution)
+        if self.roi.fit == "exact" and self.needs_voxels:
+            try:
+                Roi(*sides)
+            except InputError as error:
+                raise InputError(**vars(error) | {"fix": f"{error.fix}; or set roi.fit: nearest"})
+            return
+        roi = Roi.nearest(*sides)
+        nearest = {axis: getattr(roi, axis) for axis in "xyz"}
+        self.__dict__["roi"] = self.roi.model_copy(update=nearest)
 
     def own_ious(self) -> dict[str, Overlaps]:
         """Return the IoUs of classes that differ from KITTI's."""

@@ -391,6 +391,11 @@ class SearchFile(Common, Point):
         None, description="detectors for the winners and the paper's eight; null: none"
     )
 
+    @property
+    def needs_voxels(self) -> bool:
+        """Whether an objective depends on traffic; price, power and margin do not."""
+        return any(o.of_traffic or o.measured for o in self.search.objective)
+
     @model_validator(mode="after")
     def _is_measured(self) -> SearchFile:
         for part in (part for objective in self.search.objective for part in objective.parts):
