@@ -9,6 +9,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from lidarplace.base.number_text import number
 from lidarplace.requirements.tables import Ground
 from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.style import TOLD, figure, lidar_markers, text
@@ -18,8 +19,8 @@ from tracking.pages.section import Column, Section, Table, words
 from tracking.run_folders.arrays import Grounds
 
 ALONE = (
-    "Each position has a single object on level ground, at its worst heading; "
-    "hides it is the body of the vehicle, and its other LiDARs where their size is known."
+    "Each position has a single object on level ground, at its worst heading. Only the body of the "
+    "vehicle occludes it, and the other LiDARs if their size is known."
 )
 COLOURS = (
     "The value at each position, in the worst case, relative to the requirement: orange is "
@@ -46,8 +47,8 @@ def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Ta
         words("requirement"),
         Column("verdict", lambda row: "pass" if row["met"] else "FAIL", words=True),
         Column("needed", _needed),
-        Column("found", lambda row: f"{row['value']:.4g}"),
-        Column("short by", lambda row: f"{row['short_by']:.4g}" if row["short_by"] > 0 else ""),
+        Column("found", lambda row: number(row["value"], 4)),
+        Column("short by", lambda row: number(row["short_by"], 4) if row["short_by"] > 0 else ""),
         Column("enough at", lambda row: f"{100 * row['enough']:.4g} %"),
         Column("worst place", _place, words=True),
         words("when", "case"),
@@ -70,7 +71,7 @@ def _place(row: Mapping[Any, Any]) -> str:
 
 def in_short(row: Mapping[Any, Any]) -> str:
     """Format a verdict in a cell: the value relative to what is needed."""
-    verdict = f"{'pass' if row['met'] else 'FAIL'}: {row['value']:.3g} of {_needed(row)}"
+    verdict = f"{'pass' if row['met'] else 'FAIL'}: {number(row['value'], 3)} of {_needed(row)}"
     if row["met"]:
         return verdict
     return "; ".join([verdict, ", ".join(filter(None, [row["case"], _place(row)]))])

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.number_text import percent
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import POSE_COLUMNS
 from lidarplace.logs.plausibility import STEP_S, ImplausibleValue
@@ -106,8 +107,8 @@ def implausible_poses(log: BoxLog) -> Iterator[ImplausibleValue]:
     off = moved & (ahead < math.sqrt(1 - ACROSS**2) * length)
     if moved.sum() >= LEAST_STEPS and off.sum() > MOST_OFF * moved.sum():
         problem = (
-            f"the vehicle drives another way than it heads in {off.sum() / moved.sum():.0%} of "
-            f"{moved.sum():,} steps"
+            f"the vehicle drives another way than it heads in {percent(off.sum() / moved.sum())} "
+            f"of {moved.sum():,} steps"
         )
         remedy = "poses.angle, or poses.yaw (from the x axis towards y)"
         rows, certain = off[log.frames.index].to_numpy(bool), bool(moved.sum() >= CERTAIN_STEPS)
@@ -131,7 +132,7 @@ def _compare_conventions(
         return
     if across.mean() < MOST_ACROSS:
         if ours.back.mean() > BACKWARDS:
-            problem = f"vehicles move against their heading in {ours.back.mean():.0%} of "
+            problem = f"vehicles move against their heading in {percent(ours.back.mean())} of "
             problem += f"{len(across):,} steps"
             yield from _sliding(log, ours, ours.back, problem, "columns.yaw (by half a turn)")
         return
@@ -142,8 +143,8 @@ def _compare_conventions(
     best = int(np.argmin(shares))
     if shares[best] < across.mean() / CLEARLY:
         problem = (
-            f"vehicles move across their length axis in {across.mean():.0%} of {len(across):,} "
-            f"steps, with {others[best].meaning} in {shares[best]:.0%}"
+            f"vehicles move across their length axis in {percent(across.mean())} of "
+            f"{len(across):,} steps, with {others[best].meaning} in {percent(shares[best])}"
         )
         yield from _sliding(log, ours, across, problem, others[best].remedy)
 
