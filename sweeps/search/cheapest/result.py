@@ -15,10 +15,12 @@ from lidarplace.requirements.tables import case_table, worst_cases
 from sweeps.search.cheapest.cheapest_rig import CheapestResult, Recall
 from sweeps.search.cheapest.polish import needed_for
 from sweeps.search.cheapest.rig_check import check_rig, cost_of
+from sweeps.search.greedy.certificate import slots_of
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig
 from tracking.labels import digits
 from tracking.pages.requirements import verdict_table
+from tracking.search_report.headline import pairs_sentence
 
 _UNITS = {"lidars": "LiDARs", "price": "", "power": "W", "height": "m"}
 
@@ -84,6 +86,8 @@ def print_chosen(
         )
     why = [""] * len(printed) if rig is None else needed_for(problem, rig, recall)
     console.print(_lidars(printed, why))
+    if pairs := _mirrored_zones(problem, printed):
+        console.print(pairs_sentence(pairs), soft_wrap=True)
     if rig_check.outcomes:
         worst = worst_cases(case_table(rig_check.outcomes), [])
         worst = worst.iloc[(worst["value"] / worst["at_least"]).argsort(kind="stable")]
@@ -98,6 +102,12 @@ def print_chosen(
         console.print(f"{problem.file.search.objective[0].name}: {chosen.value:.1f}")
     if rig is not None:
         console.print(f"{folder / 'placement.yaml'}", soft_wrap=True)
+
+
+def _mirrored_zones(problem: SearchProblem, rig: Rig) -> list[str]:
+    """Return the zones of the rig's mirrored pairs."""
+    pairs = (place.lidar.zone for place in slots_of(rig, problem) or () if place.slot.pair)
+    return sorted({*pairs})
 
 
 def _lidars(rig: Rig, why: Sequence[str]) -> Table:
@@ -142,6 +152,7 @@ def as_json(
         "found": rig is not None,
         **{k: None if v is None or not math.isfinite(v) else v for k, v in numbers.items()},
         "lidars": [asdict(lidar) for lidar in printed or ()],
+        "mirrored": [] if printed is None else _mirrored_zones(problem, printed),
         "margin": None if rig_check is None or math.isinf(rig_check.margin) else rig_check.margin,
         "broken": [] if rig_check is None else [c.name for c in rig_check.broken],
         "cases": [] if cases is None else json.loads(cases.to_json(orient="records")),

@@ -196,14 +196,17 @@ def _stride(problem: SearchProblem, findings: SearchFindings) -> kinds.Stride | 
 
 
 def _zones(space: Space) -> list[kinds.Zone]:
-    spans = {zone.name: space.spans(zone.name).items() for zone in space.zones}
-    angles = {
-        name: {f"{angle}_deg": span for angle, span in of_zone} for name, of_zone in spans.items()
-    }
-    return [
-        kinds.Zone(name=zone.name, polygon=zone.polygon, z=zone.z, **angles[zone.name])
-        for zone in space.zones
-    ]
+    def angles(zone: str, model: str = "") -> dict[str, tuple[float, float]]:
+        return {f"{angle}_deg": span for angle, span in space.spans(zone, model).items()}
+
+    zones = []
+    for zone in space.zones:
+        settings, own = space.settings.zones[zone.name], angles(zone.name)
+        models = {m: kinds.Angles(**angles(zone.name, m)) for m in settings.models or ()}
+        pairs = settings.mirrored or space.settings.symmetric
+        shape = {"name": zone.name, "polygon": zone.polygon, "z": zone.z}
+        zones.append(kinds.Zone(**shape, **own, models=models, mirrored=pairs))
+    return zones
 
 
 def _linear_share(problem: SearchProblem, findings: SearchFindings) -> float | None:

@@ -108,7 +108,7 @@ def _behind(tables: list[_Binned], best: str) -> list[str]:
     lead, where, other = max(leads)
     cells = f"{tables[0].object_class}: where there are {_FEW} objects or more,"
     if not lead > 0:
-        return [f"{cells} no rig here is ahead of {best}."]
+        return [f"{cells} {best} is not behind any of these rigs."]
     return [f"{cells} {best} is furthest behind at {where}: {lead:.1f} points below {other}."]
 
 
