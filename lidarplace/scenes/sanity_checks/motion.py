@@ -137,7 +137,7 @@ def implausible_axes(log: BoxLog) -> Iterator[ImplausibleValue]:
         return  # `implausible_poses` compares these with the vehicle's motion
     axes, share, steps = axes_along_motion(log)
     if axes[1] in ("forward", "back") and share > MOST_ASIDE and steps >= LEAST_PASSING:
-        problem = f"boxes move along y in {share:.0%} of their way, as if y were ahead"
+        problem = f"boxes move along y in {percent(share)} of their way, as if y were ahead"
         rows = np.ones(len(log.boxes), bool)
         convention = Convention.of(axes)
         remedy = f"axes (y {axes[1]})"
