@@ -162,7 +162,7 @@ def _about(
         classes=file.classes,
         roi=Roi(file.roi.x, file.roi.y, file.roi.z, file.surrogate.resolution),
         frames=next((grid.frames for grid in findings.grids.values()), 0),
-        zones=_zones(problem.space),
+        zones=zones_of(problem.space),
         vehicle=vehicle.boxes.tolist(),
         vehicle_mesh=Triangles.of(vehicle.mesh),
         models={
@@ -195,7 +195,8 @@ def _stride(problem: SearchProblem, findings: SearchFindings) -> kinds.Stride | 
     return kinds.Stride(azimuth_stride=criteria.azimuth_stride, relative_error=error)
 
 
-def _zones(space: Space) -> list[kinds.Zone]:
+def zones_of(space: Space) -> list[kinds.Zone]:
+    """Describe the zones of a search with their ranges of angles."""
     spans = {zone.name: space.spans(zone.name).items() for zone in space.zones}
     angles = {
         name: {f"{angle}_deg": span for angle, span in of_zone} for name, of_zone in spans.items()
