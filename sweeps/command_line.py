@@ -66,7 +66,7 @@ VERBS = {
         "lidarplace.commands.describe", "Print frames and objects per frame of box logs."
     ),
     "validate": Verb(
-        "lidarplace.commands.validate", "Compare the simulator with the real points of a log."
+        "tracking.validation.command", "Compare the simulator with the real points of a log."
     ),
     "view": Verb("lidarplace.commands.view", "Write a page of one frame of a box log."),
     "studio": Verb("lidarplace.studio.command", "Place LiDARs by hand in the browser.", "studio"),

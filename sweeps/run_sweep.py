@@ -19,7 +19,7 @@ from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.experiment import ABOUT, columns, note
 from sweeps.mlflow.trials import TrialLog
-from sweeps.plan.pretrained import ON_GPU
+from sweeps.plan.pretrained import ON_GPU, uses_gpu
 from sweeps.plan.trial import Plan, Trial
 from sweeps.results.failure_frames import write_failure_frames
 from sweeps.results.origin import record_origin
@@ -49,7 +49,7 @@ def run_sweep(
     Raises as `sweeps.execution.runner.drive`."""
     for typical in plan.typical:
         console.print(f"anchors of {typical}", soft_wrap=True)
-    if plan.gpu:
+    if plan.networks and uses_gpu(sweep.common):
         console.print(ON_GPU)
     for caution in plan.cautions:
         console.print(f"warning: {caution}", style="yellow", soft_wrap=True)

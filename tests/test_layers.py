@@ -66,7 +66,7 @@ FLOORS = {
         "findings",
         "figures",
         "mlflow pages",
-        "dashboard report search_report",
+        "dashboard report search_report validation",
         "paper",
     ),
     "tracking.figures": ("kit", "of_searches"),

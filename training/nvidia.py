@@ -1,6 +1,10 @@
 """NVIDIA's cards, driver and errors, without torch."""
 
+import os
 import re
+import subprocess
+import sys
+from functools import cache
 from pathlib import Path
 
 _PCI = Path("/sys/bus/pci/devices")
@@ -8,12 +12,28 @@ _DRIVER = Path("/sys/module/nvidia/version")
 _WSL = Path("/dev/dxg")  # GPUs of Windows
 
 _NVIDIA = "0x10de"
+_PROBE = "from training.device import device, gpu_problem; print(gpu_problem() or device().type)"
 
 
 def has_card() -> bool:
     """Test if a card is plugged in, with or without a driver."""
     vendors = (path.read_text(encoding="ascii").strip() for path in _PCI.glob("*/vendor"))
     return _DRIVER.exists() or _WSL.exists() or _NVIDIA in vendors
+
+
+@cache
+def device_of_networks() -> str:
+    """Return "cuda" if networks can use a GPU, "cpu" without one, else the problem in a line.
+
+    CUDA would take GPU memory for the rest of this process, so another one tries it, once."""
+    if not has_card():
+        return "cpu"
+    folders = (str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH"))
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, folders))}
+    command = [sys.executable, "-c", _PROBE]
+    process = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    output = process.stderr if process.returncode else process.stdout
+    return (output.strip().splitlines() or ["GPU: the probe ended without output"])[-1]
 
 
 def driver_version() -> str:

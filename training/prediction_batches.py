@@ -13,7 +13,7 @@ ON_CPU = 4
 LARGEST = 64
 """Frames at once at most: more bring nothing, and indices fit 32 bits."""
 MEMORY_SHARE = 0.7
-"""Of the GPU memory that is free; the rest is for frames with more points than the first ones."""
+"""Of the GPU memory that is free for this process; the rest is for frames with more points."""
 
 Result = TypeVar("Result")
 
@@ -64,7 +64,9 @@ class PredictionBatches:
         gpu = torch.get_device_module(self._device)
         taken = max(1, gpu.max_memory_reserved(self._device) - before)
         gpu.empty_cache()
-        free, _ = gpu.mem_get_info(self._device)
+        free, total = gpu.mem_get_info(self._device)
+        share = gpu.get_per_process_memory_fraction(self._device) * total
+        free = min(free, share - gpu.memory_reserved(self._device))
         self._size = max(frames, min(LARGEST, int(MEMORY_SHARE * free * frames / taken)))
         self._measures = False
 

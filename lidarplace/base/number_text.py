@@ -15,3 +15,8 @@ def number(value: float, digits: int = 6) -> str:
 def point(*coordinates: float) -> str:
     """Format a point, such as (0, 1.5, 2)."""
     return f"({', '.join(map(number, coordinates))})"
+
+
+def percent(share: float, form: str = ".0f") -> str:
+    """Format a share in percent, such as "5 %" or "−0.3 %"."""
+    return f"{100 * share:{form}} %".replace("-", "−")

@@ -12,6 +12,15 @@ from lidarplace.clouds.profiles import PROFILES
 
 LogArgument = Annotated[Path, typer.Argument(help="folder of boxes.parquet and frames.parquet")]
 
+VehicleOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="body of the vehicle: YAML file with the value of a sweep's key vehicle, or a mesh in "
+        "metres; a sedan by default",
+    ),
+]
+
 ProfileOption = Annotated[
     str,
     typer.Option(

@@ -82,6 +82,33 @@ def compare_cloud(
     return hits
 
 
+MARGIN_M = 1.0  # real points so near to a box are in its `Overlay`
+
+
+class Overlay(NamedTuple):
+    """Real and simulated points of an object, in the axes of its box, metres from its centre."""
+
+    size: NDArray[np.float64]  # length, width, height
+    origin: NDArray[np.float64]  # of the ego frame, shape (3,)
+    real: NDArray[np.float64]  # within `MARGIN_M` of the box, shape (n, 3)
+    simulated: NDArray[np.float64]  # as shipped, shape (m, 3)
+
+
+def overlay_of(row: int, cloud: Cloud, simulated: SimulatedRig) -> Overlay:
+    """Collect the points of the object in a row of the log's boxes; it is in the cloud's frame."""
+    box = simulated.log.boxes[list(GEOMETRY)].to_numpy(np.float64)[row]
+    (number,) = np.flatnonzero(simulated.surroundings.rows(cloud.frame) == row)
+    hits, placement = [], simulated.placement
+    views = zip(placement.mounts, placement.lidars, simulated.object_rays(cloud.frame), strict=True)
+    for mount, lidar, (ray, target, ranges) in views:
+        directions = lidar.in_frame(cloud.frame).directions()[ray] @ mount.rotation.T
+        hits.append((mount.position + directions * ranges[:, None])[target == number])
+    real = _local(cloud.points.astype(np.float64), box)
+    real = real[(np.abs(real) <= box[3:6] / 2 + MARGIN_M).all(axis=1)]
+    origin = _local(np.zeros((1, 3)), box)[0]
+    return Overlay(box[3:6], origin, real, _local(np.concatenate(hits), box))
+
+
 def _inside(
     points: NDArray[np.float64], boxes: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -23,6 +23,7 @@ DOWN = (math.sin(math.radians(-20.0)), math.sin(math.radians(-2.2)))
 
 _SAME, _FAR_M = np.radians(0.5), 8.0
 # What another LiDAR sees so near to a ray, and so far away, the ray would meet, too.
+_NOTHING = 0.05  # a sector with a smaller share has almost no returns
 _OPEN = 0.9  # quantile over sectors: the share of rays that return where nothing is in the way
 _AROUND_M = 0.2  # what returns so near to the vehicle is the vehicle
 
@@ -78,3 +79,14 @@ def shadows(shares: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # no ray goes down
         relative = best / np.nanquantile(best, _OPEN, axis=1, keepdims=True)
     return np.asarray(np.where(relative < SHADOW, relative, 1.0), np.float64)
+
+
+def widest_shadow(shares: NDArray[np.float64]) -> float:
+    """Return the widest azimuth with almost no returns, degrees.
+
+    `shares` are `shadows` of one LiDAR, shape (SECTORS,)."""
+    longest = run = 0
+    for closed in np.tile(shares < _NOTHING, 2):  # a run may go through ±180 degrees
+        run = run + 1 if closed else 0
+        longest = max(longest, run)
+    return min(longest, SECTORS) * 360 / SECTORS

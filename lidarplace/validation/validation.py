@@ -19,7 +19,15 @@ from lidarplace.recall.detection_curve import default_curves
 from lidarplace.rigs.correction import OTHER
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import RecordedRig, one_rig
-from lidarplace.validation.cloud_frames import FATES, CellHits, compare_cloud, real_clouds
+from lidarplace.validation.cloud_frames import (
+    FATES,
+    CellHits,
+    Cloud,
+    Overlay,
+    compare_cloud,
+    overlay_of,
+    real_clouds,
+)
 from lidarplace.validation.comparison import BELOW_M, comparison, floor
 from lidarplace.validation.fit import FEWEST_TRACKS, LOSSLESS, Fit, FitData, Thinning
 from lidarplace.validation.shadow import returned, shadows
@@ -30,6 +38,7 @@ MOST_CLOUDS = 60  # frames with clouds that are looked at, spread evenly; shadow
 LEAST_SHARE = 0.9
 """Least points of all LiDARs as a share of one LiDAR's: a data set's own counts differ a little."""
 WORST = 20  # objects in the table of the worst
+OVERLAYS = 6  # of them whose points are shown
 
 
 @dataclass(frozen=True)
@@ -56,6 +65,7 @@ class Validation:
     agreement: pd.DataFrame
     shadows: NDArray[np.float64] | None  # what sectors return, shape (LiDARs, SECTORS)
     worst: pd.DataFrame  # objects whose points differ most
+    overlays: tuple[Overlay, ...]  # points of the first of them, where there are clouds
     without: tuple[str, ...] = ()  # object_ids that were left out, or their beginnings
 
 
@@ -102,6 +112,7 @@ def validate(
     _add_model(objects, "corrected", returns, corrected, names)
     hits = [compare_cloud(c, recording, fits.by_route[route_of[c.frame]], classes) for c in clouds]
     by_cells = cells_by_subset(hits, classes, near.to_numpy(), names, default_curves())
+    worst = _worst(objects[near], hits)
     subsets = pd.concat([points_by_subset(objects, names), by_cells], ignore_index=True)
     return Validation(
         names=names,
@@ -118,7 +129,8 @@ def validate(
         subsets=subsets,
         agreement=agreement(subsets),
         shadows=shadow,
-        worst=_worst(objects[near], hits),
+        worst=worst,
+        overlays=_overlays(worst[:OVERLAYS], clouds, as_shipped),
         without=tuple(without),
     )
 
@@ -293,6 +305,14 @@ def _worst(objects: pd.DataFrame, hits: Sequence[CellHits]) -> pd.DataFrame:
     table["reason"] = np.where(off > 0, reason, fewer) if hits else ""
     worst = table.loc[off.abs().sort_values(ascending=False).index]
     return worst.drop_duplicates(["scene", "object_id"])[:WORST]
+
+
+def _overlays(
+    worst: pd.DataFrame, clouds: Sequence[Cloud], simulated: SimulatedRig
+) -> tuple[Overlay, ...]:
+    cloud_of = {cloud.frame: cloud for cloud in clouds}
+    rows = zip(worst.index.tolist(), worst["frame"].tolist(), strict=True) if clouds else ()
+    return tuple(overlay_of(row, cloud_of[frame], simulated) for row, frame in rows)
 
 
 def _masks(file: CorrectionFile, names: Sequence[str]) -> NDArray[np.float64]:

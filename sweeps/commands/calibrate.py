@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lidarplace.command_line.invocation import called, command
-from lidarplace.command_line.options import FRONT_ROI, RoiOption
+from lidarplace.command_line.options import FRONT_ROI, RoiOption, VehicleOption
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import checked_input, new_app, verb, wrong
 from lidarplace.files.atomic import check_replaceable
@@ -41,6 +41,7 @@ def calibrate(
     ] = None,
     rig: options.RigsOption = None,
     geometry: options.GeometryOption = None,
+    vehicle: VehicleOption = None,
     layout: options.LayoutOption = None,
     world: options.WorldFrameOption = False,
     calib: options.CalibOption = None,
@@ -56,10 +57,11 @@ def calibrate(
     the fit in turn, and predicted."""
     from lidarplace.recall.detection_curve import write_curves
     from sweeps.calibration.checks_section import checks_section
+    from sweeps.calibration.curves_section import curves_section
     from sweeps.calibration.left_out import check
     from tracking.pages.html_page import SECTIONS_ALONE, write_page
 
-    if (config is None) == (log is None) or (log is None and (rig or geometry)):
+    if (config is None) == (log is None) or (log is None and (rig or geometry or vehicle)):
         wrong("name the file of a sweep, or --log with --rig and --geometry")
     with checked_input():
         if out is not None:
@@ -70,9 +72,9 @@ def calibrate(
             from sweeps.evaluation.request import DetectionOptions
 
             read = DetectionOptions(
-                log=Path(str(log)), rigs=rig, geometry=geometry, layout=layout, world=world,
-                calib=calib, class_map=class_map, roi=roi, classes=class_, split=split,
-                accept=accept,
+                log=Path(str(log)), rigs=rig, geometry=geometry, vehicle=vehicle,
+                layout=layout, world=world, calib=calib, class_map=class_map, roi=roi,
+                classes=class_, split=split, accept=accept,
             )  # fmt: skip
             seen = _of_detections(read)
         checks = [check(rows) for _, rows in seen.groupby(["class", "iou"], sort=True) if len(rows)]
@@ -84,9 +86,12 @@ def calibrate(
     if out is None:
         return
     with checked_input():
-        write_curves(out, called(), [check.curve for check in checks])
-        page = write_page(out.with_suffix(".html"), SECTIONS_ALONE, [section], name=out.stem)
-    say(f"{out}: {len(checks)} curves; {page}")
+        curves = [check.curve for check in checks]
+        write_curves(out, called(), curves)
+        sections = [curves_section(curves, seen), section]
+        page = write_page(out.with_suffix(".html"), SECTIONS_ALONE, sections, name=out.stem)
+    use = command("run", "sweep.yaml", "--set", f"surrogate.curves={out}")
+    say(f"{out}: {len(checks)} curves, for a sweep: {use}\n{page}")
 
 
 def _of_sweep(config: Path, overrides: list[str], classes: list[str]) -> pd.DataFrame:
@@ -125,7 +130,8 @@ def _of_detections(options: DetectionOptions) -> pd.DataFrame:
     for name in request.rigs:
         if name not in places:
             wrong(f"--geometry: missing for rig {name}; expected {name}=recorded, LiDARs or a file")
-    objects = CountedObjects.from_log(test.log, test.roi, test.classes, CELL_M)
+    counted = (test.log, test.roi, test.classes, CELL_M)
+    objects = CountedObjects.from_log(*counted, vehicle=request.vehicle)
     tables = [
         of_rig(name, places[name], seeds, objects, test.routes, test.classes, {})
         for name, seeds in request.rigs.items()

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lidarplace.command_line.options import FRONT_ROI, LogArgument, RoiOption
+from lidarplace.command_line.invocation import command
+from lidarplace.command_line.options import FRONT_ROI, LogArgument, RoiOption, VehicleOption
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 from sweeps import options
@@ -17,9 +18,11 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.table import Table
 
+    from sweeps.evaluation.request import EvaluationRequest
+
 app = new_app()
 
-SHOWN = ("AP_R40_3D", "AP_R40_BEV", "class_recall_3D", "recall")
+REPORTED = ("AP_R40_3D", "AP_R40_BEV", "class_recall_3D", "recall")
 """Metrics in the terminal, at the strict IoU of a class."""
 
 
@@ -35,6 +38,7 @@ def evaluate(
     ] = None,
     rig: options.RigsOption = None,
     geometry: options.GeometryOption = None,
+    vehicle: VehicleOption = None,
     layout: options.LayoutOption = None,
     world: options.WorldFrameOption = False,
     calib: options.CalibOption = None,
@@ -70,9 +74,9 @@ def evaluate(
     with checked_input():
         request = read_request(
             DetectionOptions(
-                log=log, detections=detections, rigs=rig, geometry=geometry, layout=layout,
-                world=world, calib=calib, class_map=class_map, roi=roi, classes=class_, split=split,
-                counted=counted, accept=accept,
+                log=log, detections=detections, rigs=rig, geometry=geometry, vehicle=vehicle,
+                layout=layout, world=world, calib=calib, class_map=class_map, roi=roi,
+                classes=class_, split=split, counted=counted, accept=accept,
             )
         )  # fmt: skip
         several = len(request.rigs) > 1
@@ -93,25 +97,41 @@ def evaluate(
         print_json(rows.where(rows.notna(), None).to_dict("records"))
         return
     say("\n".join(request.notes))
-    output().print(_shown(means, several))
+    _print_means(means, several, trainings=max(map(len, results.values())))
+    if several:
+        say("\n".join([*analysis.headline, str(page), str(page.with_name("decision.html"))]))
+    say(f"next: {_next_step(log, request)}")
+
+
+def _print_means(means: pd.DataFrame, several: bool, trainings: int) -> None:
+    output().print(_metric_table(means, several))
     counts = means.groupby("class", sort=False)["ground_truths"].max()
     if none := counts.index[counts == 0].tolist():
-        say(f"no object of {', '.join(none)} counts in these frames: no AP, no recall")
+        say(f"no AP, no recall: no object of {', '.join(none)} counts in these frames")
     if (few := counts[counts > 0].min()) <= 40:
-        say(f"KITTI samples AP at 40 recalls: of {few} objects even all found reach less than 100")
+        say(f"KITTI samples AP at 40 recalls: with {few} objects even perfect AP is below 100")
     say(
-        "in brackets 95 % over the routes or individuals of these frames, whichever scatter more; "
-        "what another training would find is not in it"
-        if max(map(len, results.values())) == 1
-        else "in brackets 95 % over trainings and over the routes or individuals of these frames"
+        "in brackets: 95 % over the routes or individuals of these frames, the wider of the two; "
+        "without the spread of further trainings"
+        if trainings == 1
+        else "in brackets: 95 % over trainings and over the routes or individuals of these frames"
     )
-    if several:
-        say("\n".join(analysis.headline))
-        say(page)
-        say(page.with_name("decision.html"))
 
 
-def _shown(means: pd.DataFrame, several: bool) -> Table:
+def _next_step(log: Path, request: EvaluationRequest) -> str:
+    """Return the step that adds most: a second rig, the mounts, or detection curves."""
+    if len(request.rigs) == 1:
+        rigs = command("evaluate", str(log), "--rig", "A=FILE", "--rig", "B=FILE")
+        return f"compare rigs: {rigs}"
+    if missing := [name for name in request.rigs if name not in request.geometry]:
+        return f"show the LiDARs of {missing[0]}: --geometry {missing[0]}=recorded, or FILE.yaml"
+    curves = command("calibrate", "--log", str(log), "--out", "curves.json")
+    return (
+        f"fit detection curves, to search without training: {curves}, --rig and --geometry as now"
+    )
+
+
+def _metric_table(means: pd.DataFrame, several: bool) -> Table:
     from lidarplace.base.metrics import METRICS
     from tracking.kitti_iou import at_headline_iou, headline_iou
     from tracking.labels import digits
@@ -119,7 +139,7 @@ def _shown(means: pd.DataFrame, several: bool) -> Table:
     rows = []
     for (rig, name), values in means.groupby(["placement", "class"], sort=False):
         cells = []
-        for metric in SHOWN:
+        for metric in REPORTED:
             cells.append("")
             for row in at_headline_iou(values, means, str(name), metric).to_dict("records"):
                 low, high = row["low"], row["high"]
@@ -128,6 +148,6 @@ def _shown(means: pd.DataFrame, several: bool) -> Table:
         iou = f"{headline_iou(means, str(name)):g}"
         objects = f"{values['ground_truths'].max():,}"
         rows.append([*([rig] if several else []), name, iou, objects, *cells])
-    labels = [METRICS[name].label for name in SHOWN]
+    labels = [METRICS[name].label for name in REPORTED]
     head = (*(["rig"] if several else []), "class", "IoU", "objects", *labels)
     return table(None, head, rows, {"class"})

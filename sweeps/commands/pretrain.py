@@ -49,6 +49,7 @@ def pretrain(
     from sweeps.execution.failures import Failure, FailureFolder
     from sweeps.execution.runner import run_tasks
     from sweeps.plan.pretrain_task import pretrain_task
+    from sweeps.plan.pretrained import ON_GPU, uses_gpu
     from sweeps.stages.task import with_inputs
     from sweeps.store.open import reference, store_of
 
@@ -68,6 +69,8 @@ def pretrain(
     console = output()
     logs = FailureFolder(sweep.common.output / sweep.common.name / "failed")
     say = partial(console.print, soft_wrap=True)
+    if uses_gpu(sweep.common):
+        say(ON_GPU)
 
     def trained() -> TrainedDetector | Failure:
         failures = run_tasks(console, sweep.common, store, tasks, logs)

@@ -16,10 +16,12 @@ from lidarplace.clouds.profiles import PROFILES
 from lidarplace.command_line.options import crop_of
 from lidarplace.command_line.verbs import known
 from lidarplace.configuration.placement import read_placement
+from lidarplace.configuration.vehicle import read_vehicle
 from lidarplace.detections.read import LAYOUTS, read_detections
 from lidarplace.logs.box_log import BoxLog, read_box_log
 from lidarplace.logs.boxes import SPLITS
 from lidarplace.logs.plausibility import DetectionCheck
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import one_rig
 from lidarplace.scenes.datasets.class_maps import named_class_map
@@ -40,6 +42,7 @@ class DetectionOptions:
     detections: Sequence[Path] | None = None
     rigs: Sequence[str] | None
     geometry: Sequence[str] | None
+    vehicle: Path | None
     layout: str | None
     world: bool
     calib: Path | None
@@ -59,6 +62,7 @@ class EvaluationRequest:
         rigs: detections that are right or wrong about objects that count, by rig and by training.
         paths: of the files, by rig.
         geometry: placements of rigs whose LiDARs are known.
+        vehicle: carries the LiDARs; None: a sedan.
         notes: number of objects and detections that count, a sentence each.
         cautions: possible faults of the detections, a sentence each."""
 
@@ -66,6 +70,7 @@ class EvaluationRequest:
     rigs: Mapping[str, Sequence[pd.DataFrame]]
     paths: Mapping[str, Sequence[str]]
     geometry: Mapping[str, Placement]
+    vehicle: Vehicle | None
     notes: Sequence[str]
     cautions: Sequence[str]
 
@@ -87,6 +92,7 @@ def read_request(options: DetectionOptions) -> EvaluationRequest:
     split = known("split", options.split, {name: name for name in SPLITS})
     checks = {name: name for name in get_args(DetectionCheck)}
     accepted = [known("accept", name, checks) for name in options.accept or ()]
+    vehicle = None if options.vehicle is None else read_vehicle(options.vehicle)
     crop, class_map = crop_of(options.roi), named_class_map(options.class_map)
     log = read_box_log(options.log)
     test = TestFrames.of(log, split, crop, options.classes or (), counted)
@@ -119,7 +125,7 @@ def read_request(options: DetectionOptions) -> EvaluationRequest:
         if frames < most:
             cautions.append(f"{name}: no detection in {most - frames:,} test frames.")
     places = _geometry(options.geometry or (), files, log)
-    return EvaluationRequest(test, detections, paths, places, notes, cautions)
+    return EvaluationRequest(test, detections, paths, places, vehicle, notes, cautions)
 
 
 def _geometry(pairs: Sequence[str], rigs: Iterable[str], log: BoxLog) -> dict[str, Placement]:

@@ -22,6 +22,7 @@ from sweeps.stages.measure import EVALUATION_TABLES, EvaluationResult, evaluate_
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.arrays import FailureFrames
+from tracking.run_folders.json_file import Triangles
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Frames, SweepResult
 
@@ -73,7 +74,7 @@ def write_evaluation(
     """Write all that reports read; return the analysis of the folder and the frames to show.
 
     The evaluator is "generalist" if one network made all detections."""
-    test = request.test
+    test, vehicle = request.test, request.vehicle
     folder.mkdir(parents=True, exist_ok=True)
     trials = _trials(results)
     objects = test.objects.merge(test.routes[["frame", "route"]], on="frame")[list(ABOUT)]
@@ -104,6 +105,8 @@ def write_evaluation(
         cautions=tuple(request.cautions),
         evaluator=evaluator,
         detections={name: tuple(paths) for name, paths in request.paths.items()},
+        vehicle=None if vehicle is None else vehicle.boxes.tolist(),
+        vehicle_mesh=None if vehicle is None else Triangles.of(vehicle.mesh),
     ).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
     analysis, frames = Analysis(RunFolder.read(folder)), None

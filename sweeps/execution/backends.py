@@ -191,10 +191,11 @@ def backend_for(settings: RaySettings) -> Iterator[Backend]:
     """Return the backend that `ray:` names, shut down at the end with all calls that still run.
 
     Errors of `ray_session` come from its first use."""
-    if settings.address == "debug":
-        yield InProcess()
-        return
-    from sweeps.execution.ray_cluster import ray_session
+    from sweeps.execution.ray_cluster import ray_session, set_variables
 
+    if settings.address == "debug":
+        with set_variables({"CUDA_VISIBLE_DEVICES": ""} if settings.num_gpus == 0 else {}):
+            yield InProcess()
+        return
     with ExitStack() as stack:
         yield OnRay(lambda: stack.enter_context(ray_session(settings)), settings)

@@ -102,8 +102,10 @@ def gpu(needed: bool = False) -> CheckResult:
         names = [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())]
         free, total = (size / _GB for size in torch.cuda.mem_get_info())
         versions = f"driver {driver_version()}, {build}, CUDA {torch.version.cuda}"
-        triton = f"triton {version('triton')}"
-        text = f"{', '.join(names)}; {free:.0f} of {total:.0f} GB free; {versions}, {triton}"
+        import triton  # its distribution has several names
+
+        text = f"{', '.join(names)}; {free:.0f} of {total:.0f} GB free; {versions}"
+        text += f", triton {triton.__version__}"
         return CheckResult(text)
     if not has_card():
         state: State = "missing" if needed else "optional"
@@ -113,7 +115,7 @@ def gpu(needed: bool = False) -> CheckResult:
         problem = f"there is one, but {build} is built for the CPU"
         return CheckResult(problem, "missing" if needed else "weak", _GPU_SETUP)
     hidden = f"hidden by CUDA_VISIBLE_DEVICES; {build} trains on the CPU"
-    return CheckResult(hidden, "missing" if needed else "optional")
+    return CheckResult(hidden, "missing" if needed else "optional", "unset CUDA_VISIBLE_DEVICES")
 
 
 def ray(address: str) -> CheckResult:

@@ -23,7 +23,7 @@ from lidarplace.base.errors import InputError, at
 from lidarplace.base.plugin_folders import PLUGINS
 from lidarplace.command_line.signals import Terminated, signals_held, stopped_by_signals
 from sweeps.configuration.sweep import RaySettings
-from training.nvidia import has_card
+from training.nvidia import device_of_networks
 
 THREADS = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a worker: one thread a task, as Ray runs as many tasks as there are CPUs."""
@@ -34,7 +34,6 @@ _STATUS_S = 30.0
 _NODES_S = 120.0  # a node unpacks the code and starts a process
 _SOCKET = "ray/session_2026-01-01_00-00-00_000000_1234567/sockets/plasma_store.10"
 _LONGEST_SOCKET = 103  # bytes, as on macOS; Linux takes 107
-_PROBE = "from training.device import device, gpu_problem; print(gpu_problem() or device().type)"
 _DECISIVE = ("numpy", "numba", "pandas", "scipy", "torch")
 
 
@@ -52,7 +51,7 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
     # Three tries to reach a `ray://` server take 15 s in place of 30.
     os.environ.setdefault("RAY_CLIENT_MAX_CONNECTION_TIMEOUT_S", f"{_CONNECT_S:.0f}")
     local = settings.address == "local"
-    with _environment(_alone() if local else {}):
+    with set_variables(_alone() if local else {}):
         import ray
 
         try:
@@ -89,7 +88,7 @@ def _alone() -> dict[str, str]:
 
 
 @contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+def set_variables(variables: Mapping[str, str]) -> Iterator[None]:
     """Set variables for the block alone: other Rays, such as a cluster's, need others."""
     before = {name: os.environ[name] for name in variables if name in os.environ}
     os.environ.update(variables)
@@ -122,22 +121,15 @@ def _start(ray: ModuleType, settings: RaySettings) -> None:
 def _usable_gpus(settings: RaySettings) -> int | None:
     """Return how many GPUs a local Ray has: all, or none if networks cannot use them.
 
-    Raises InputError if the configuration asks for some in vain. CUDA would take GPU memory for the
-    rest of this process, so another one tries it."""
-    if settings.num_gpus == 0 or not (settings.num_gpus or has_card()):
-        return settings.num_gpus
-    command = [sys.executable, "-c", _PROBE]
-    environment = os.environ | {"PYTHONPATH": _python_path()}
-    process = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
-    *_, found = "", *(process.stderr if process.returncode else process.stdout).splitlines()
-    if found == "cuda":
+    Raises InputError if the configuration asks for some in vain."""
+    if settings.num_gpus == 0 or (device := device_of_networks()) == "cuda":
         return settings.num_gpus
     if settings.num_gpus:
-        problem = "networks cannot use a GPU" if found == "cpu" else found
+        problem = "networks cannot use a GPU" if device == "cpu" else device
         fix = "ray.num_gpus=0 trains on the CPU"
         raise InputError(problem, key="ray.num_gpus", fix=fix)
-    if found != "cpu":
-        logging.getLogger(__name__).warning("%s; networks run on the CPU", found)
+    if device != "cpu":
+        logging.getLogger(__name__).warning("%s; networks run on the CPU", device)
     return 0
 
 

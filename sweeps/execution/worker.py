@@ -3,6 +3,7 @@
 import math
 import os
 import socket
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -48,14 +49,10 @@ def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0
 
     Inputs are mapped from files of the store, not sent: workers on one machine share the pages, and
     clouds larger than the memory can be trained on. A network gets `gpu_share` of the memory of a
-    GPU; `halvings` is how often its batch size is halved, after that memory was too small."""
-    if isinstance(task.stage, Network) and gpu_share:
-        import torch
-
-        from training.device import device
-
-        if device().type == "cuda":  # batches that need more do not fit
-            torch.cuda.set_per_process_memory_fraction(min(1.0, gpu_share))
+    GPU; `halvings` is how often its batch size is halved, after that memory was too small. Raises
+    RuntimeError if a network has another device than planned, or cannot use an assigned GPU."""
+    if isinstance(task.stage, Network):
+        _prepare_device(task.stage, gpu_share)
     node, pid = socket.gethostname(), os.getpid()
     since = datetime.now().isoformat(" ", timespec="seconds")
     with store.running(task, Note(node, pid, since)) as note:
@@ -78,6 +75,28 @@ def run_task(task: Task, store: Store, halvings: int = 0, gpu_share: float = 1.0
         store.save(task, value, seconds, ran)
         if task.stage.resumable:
             store.discard(task)
+
+
+def _prepare_device(stage: Network, gpu_share: float) -> None:
+    import torch
+
+    from training.device import device, gpu_problem
+
+    on_gpu = device().type == "cuda"
+    planned = on_gpu or _has_assigned_gpu() if stage.gpu is None else stage.gpu
+    if on_gpu != planned:
+        place, names = socket.gethostname(), {True: "GPU", False: "CPU"}
+        problem = gpu_problem() or f"expected the {names[planned]}, found the {names[on_gpu]}"
+        fix = "ray.num_gpus=0 plans for the CPU" if planned else "CUDA_VISIBLE_DEVICES= hides it"
+        raise RuntimeError(f"{place}: {problem}; {fix}")  # another try may have a better device
+    if on_gpu and gpu_share:  # batches that need more do not fit
+        torch.cuda.set_per_process_memory_fraction(min(1.0, gpu_share))
+
+
+def _has_assigned_gpu() -> bool:
+    """Test if Ray assigned a GPU to this task."""
+    ray = sys.modules.get("ray")
+    return ray is not None and ray.is_initialized() and bool(ray.get_gpu_ids())
 
 
 @cached(LRUCache(maxsize=4), key=lambda store, task: (store, task.key))

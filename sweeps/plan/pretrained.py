@@ -7,16 +7,16 @@ from sweeps.plan.clouds import TrialClouds, as_collected
 from sweeps.plan.trial import DetectorTrial, Trial
 from sweeps.stages.evaluate import EvaluateStage
 from sweeps.stages.train import PretrainedStage
-from training.nvidia import has_card
+from training.nvidia import device_of_networks
 from training.settings import PRETRAINED, TrainingSettings
 from training.typical_objects import TypicalObject
 
-ON_GPU = "evaluator: pretrained: the GPU detects, and casts clouds that are not kept"
+ON_GPU = "networks run on the GPU, which casts clouds that are not kept"
 
 
 def uses_gpu(common: Common) -> bool:
-    """Test if this machine has a GPU, and the configuration uses it."""
-    return common.ray.num_gpus != 0 and has_card()
+    """Test if networks can use a GPU of this machine, and the configuration lets them."""
+    return common.ray.num_gpus != 0 and device_of_networks() == "cuda"
 
 
 def plan_pretrained(

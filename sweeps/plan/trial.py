@@ -123,15 +123,14 @@ class Plan:
     cautions: tuple[str, ...] = ()
 
     @property
-    def gpu(self) -> bool:
-        """Whether a GPU evaluates placements by pretrained weights."""
-        return any(isinstance(task.stage, Network) and task.stage.gpu for task in self.tasks)
+    def networks(self) -> list[Network]:
+        """Stages with a network."""
+        return [task.stage for task in self.tasks if isinstance(task.stage, Network)]
 
     @property
     def typical(self) -> tuple[TypicalObject, ...]:
         """Objects of the classes that have no anchors in a preset; each once."""
-        networks = (task.stage for task in self.tasks if isinstance(task.stage, Network))
-        return tuple(dict.fromkeys(item for network in networks for item in network.typical))
+        return tuple(dict.fromkeys(item for network in self.networks for item in network.typical))
 
     def needed_for(self, results: Iterable[Task]) -> list[Task]:
         """List the tasks that lead to `results`, and these, in the order of the plan."""

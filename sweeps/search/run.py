@@ -57,7 +57,7 @@ def run_search(
 ) -> bool:
     """Search, write, verify. Returns whether all went well. Raises as `drive`."""
     work = SearchWork(console, problem, store, hide_secrets(command, *problem.file.urls))
-    if problem.pretrained and uses_gpu(problem.file):
+    if problem.uses_generalist and uses_gpu(problem.file):
         console.print(ON_GPU)
     findings, good = drive(console, problem.file, store, work)
     good &= not print_failures(console, findings) and bool(findings.trials)

@@ -53,9 +53,9 @@ class Network(Stage[R]):
 
     `point_range`: the crop of the clouds. `typical`: objects of which anchors are, for classes
     without those of the preset. `ious`: of classes that are evaluated at other overlaps than
-    KITTI's, and `metrics`: of plug-ins; both where detections are evaluated. `gpu`: whether a GPU
-    casts the clouds and detects where pretrained weights are evaluated, whose last digits differ
-    from a CPU's."""
+    KITTI's, and `metrics`: of plug-ins; both where detections are evaluated. `gpu`: whether
+    pretrained weights are evaluated on a GPU, whose last digits differ from a CPU's; None: networks
+    that are trained, on either."""
 
     detector: str
     classes: tuple[str, ...]
@@ -64,13 +64,13 @@ class Network(Stage[R]):
     typical: tuple[TypicalObject, ...] = field(default=(), kw_only=True)
     ious: tuple[tuple[str, Overlaps], ...] = field(default=(), kw_only=True)
     metrics: tuple[str, ...] = field(default=(), kw_only=True)
-    gpu: bool = field(default=False, kw_only=True, metadata={OMIT_DEFAULT: True})
+    gpu: bool | None = field(default=None, kw_only=True, metadata={OMIT_DEFAULT: True})
 
     def modules(self) -> tuple[str, ...]:
         return (*super().modules(), *code_of_network(network_of(self.detector)))
 
     def need(self, gpu_share: float = 1.0) -> Need:
-        return Need(gpu_share=gpu_share)
+        return Need(gpu_share=0.0 if self.gpu is False else gpu_share)
 
 
 @dataclass(frozen=True)

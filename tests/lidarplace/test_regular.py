@@ -22,7 +22,6 @@ OWN = {
     "lidarplace.rigs.catalogue.datasheet": "of the package",
     "lidarplace.recall.detection_curve": "of the package",
     "lidarplace.requirements.presets.read": "of the package",
-    "lidarplace.validation.page": "of the package",
     "lidarplace.viewing.page": "of the package",
     "lidarplace.files.atomic": "fsync",
     "sweeps.command_line": "of an installed package",

@@ -1,6 +1,20 @@
 import pytest
 
 from lidarplace import PAPER_PLACEMENTS
+from training import nvidia
+
+
+@pytest.fixture
+def card(monkeypatch):
+    """A machine with a card; a call sets the code by which another process tries it."""
+    monkeypatch.setattr(nvidia, "has_card", lambda: True)
+
+    def set_probe(code):
+        monkeypatch.setattr(nvidia, "_PROBE", code)
+        nvidia.device_of_networks.cache_clear()
+
+    yield set_probe
+    nvidia.device_of_networks.cache_clear()
 
 
 @pytest.fixture

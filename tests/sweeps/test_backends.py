@@ -112,22 +112,34 @@ def test_a_task_has_one_thread(on_ray, name):
         ("print('cpu')", None, 0, ""),
     ],
 )
-def test_a_local_ray_has_gpus_that_networks_can_use(
-    monkeypatch, caplog, probe, wanted, usable, line
-):
-    monkeypatch.setattr(ray_cluster, "has_card", lambda: True)
-    monkeypatch.setattr(ray_cluster, "_PROBE", probe)
+def test_a_local_ray_has_gpus_that_networks_can_use(card, caplog, probe, wanted, usable, line):
+    card(probe)
     assert ray_cluster._usable_gpus(RaySettings(num_gpus=wanted)) == usable
     assert caplog.messages == ([line] if line else [])
 
 
-def test_gpus_that_a_user_asks_for_in_vain(monkeypatch):
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+def test_gpus_that_a_user_asks_for_in_vain(card):
+    card("print('cpu')")
     with pytest.raises(InputError) as caught:
         ray_cluster._usable_gpus(RaySettings(num_gpus=1))
     expected = "ray.num_gpus: networks cannot use a GPU; ray.num_gpus=0 trains on the CPU"
     assert str(caught.value) == expected
-    monkeypatch.setattr(ray_cluster, "_PROBE", "print('GPU: no driver')")
+    card("print('GPU: no driver')")
     with pytest.raises(InputError, match=r"^ray.num_gpus: GPU: no driver; ray.num_gpus=0"):
         ray_cluster._usable_gpus(RaySettings(num_gpus=1))
     assert ray_cluster._usable_gpus(RaySettings(num_gpus=0)) == 0
+
+
+def test_the_card_of_this_machine_is_tried_once(card, tmp_path):
+    file = tmp_path / "tries"
+    card(f"open({str(file)!r}, 'a').write('.'); print('cpu')")
+    assert [ray_cluster._usable_gpus(RaySettings()) for _ in range(3)] == [0, 0, 0]
+    assert file.read_text() == "."
+
+
+def test_a_debugger_without_gpus_hides_them(monkeypatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1")
+    with backend_for(RaySettings(address="debug", num_gpus=0)) as backend:
+        assert backend.submit(os.getenv, "CUDA_VISIBLE_DEVICES").result() == ""
+    with backend_for(RaySettings(address="debug")) as backend:
+        assert backend.submit(os.getenv, "CUDA_VISIBLE_DEVICES").result() == "1"

@@ -11,7 +11,8 @@ from lidarplace.configuration.placement import read_placement
 from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS, GEOMETRY
 from lidarplace.recall.counted_objects import CountedObjects
-from lidarplace.recall.detection_curve import read_curves
+from lidarplace.recall.detection_curve import DetectionCurve, read_curves
+from sweeps.calibration.curves_section import bins_of
 from sweeps.calibration.left_out import check
 from sweeps.calibration.observations import observations, rigs_of
 from sweeps.commands.calibrate import app
@@ -163,3 +164,23 @@ def test_detections_from_elsewhere_have_curves_too(tmp_path):
     bare = run("--log", tmp_path / "log", *options[:2], code=2)
     assert "--geometry: missing for rig low" in bare
     run(code=2)
+
+
+def test_bins_hold_every_object_once_and_their_intervals_count_individuals():
+    rng = np.random.default_rng(3)
+    cells = np.repeat(rng.integers(0, 200, 300), 4)
+    curve = DetectionCurve.model_validate({"class": "Car", "iou": 0.5, "most": MOST, "rate": RATE})
+    found = np.repeat(rng.random(300), 4) < curve.probability(cells)  # alike in all its frames
+    seen = pd.DataFrame({"cells": cells, "points": 2 * cells, "found": found.astype(float)})
+    seen = seen.assign(scene="a", object_id=np.repeat(np.arange(300), 4))
+    bins, once = bins_of(seen, "cells", curve), bins_of(seen[::4], "cells", curve)
+    assert bins["objects"].sum() == len(seen)
+    assert bins["individuals"].sum() == 300
+    assert (bins["found"] * bins["objects"]).sum() == pytest.approx(found.sum())
+    pd.testing.assert_series_equal(bins["high"], once["high"])  # copies add no certainty
+    within = (bins["low"] <= bins["expected"]) & (bins["expected"] <= bins["high"])
+    assert within.sum() >= len(bins) - 2
+    points = bins_of(seen, "points", curve)
+    assert points["points"].tolist() == (2 * bins["cells"]).tolist()
+    nothing = bins_of(seen.assign(cells=0), "cells", curve)
+    assert (len(nothing), nothing["expected"].item()) == (1, 0.0)

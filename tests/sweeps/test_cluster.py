@@ -24,8 +24,8 @@ from sweeps.execution.ray_cluster import (
     _alone,
     _check_alone,
     _check_token_file,
-    _environment,
     ray_session,
+    set_variables,
 )
 from tests.forked import GUARD_S, run_forked
 from tests.sweeps.small_log import SMALL, write_sweep
@@ -267,7 +267,7 @@ def test_a_token_that_others_can_read_is_told(tmp_path, monkeypatch, caplog):
 def test_what_a_local_ray_is_told_others_are_not(monkeypatch):
     monkeypatch.setenv("RAY_AUTH_TOKEN", "of a cluster")
     monkeypatch.delenv("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", raising=False)
-    with _environment({**_alone(), "RAY_AUTH_TOKEN": "own"}):
+    with set_variables({**_alone(), "RAY_AUTH_TOKEN": "own"}):
         assert os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] == "0"
         assert os.environ["RAY_AUTH_TOKEN"] == "own"
     assert os.environ["RAY_AUTH_TOKEN"] == "of a cluster"

@@ -12,6 +12,7 @@ from threading import Thread
 from urllib.parse import quote
 
 import pytest
+import triton
 from typer.testing import CliRunner
 
 from sweeps.commands import doctor
@@ -101,6 +102,9 @@ def test_a_gpu_that_torch_was_not_built_for(monkeypatch):
     found = checks.gpu()
     assert found.state == "weak"
     assert found.remedy == "make clean && make setup TORCH_BACKEND=auto"
+    monkeypatch.setattr("torch.version.cuda", "13.0")
+    monkeypatch.setattr("training.device.gpu_problem", lambda: "")
+    assert checks.gpu(needed=True).remedy == "unset CUDA_VISIBLE_DEVICES"
 
 
 def test_a_gpu_and_its_problem(monkeypatch):
@@ -112,10 +116,11 @@ def test_a_gpu_and_its_problem(monkeypatch):
     }.items():
         monkeypatch.setattr(f"torch.cuda.{name}", lambda *_, value=value: value)
     monkeypatch.setattr(checks, "driver_version", lambda: "580.65.06")
+    monkeypatch.setattr(checks, "version", lambda name: {}[name])  # of pytorch-triton, say
     found = checks.gpu(needed=True)
     assert found.state == "good"
     assert found.found.startswith("NVIDIA H100, NVIDIA H100; 75 of 80 GB free; driver 580.65.06, ")
-    assert " triton " in found.found
+    assert f", triton {triton.__version__}" in found.found
     monkeypatch.setattr("training.device.gpu_problem", lambda: "GPU: no driver")
     assert checks.gpu().found.startswith("GPU: no driver (torch ")
     assert (checks.gpu().state, checks.gpu(needed=True).state) == ("weak", "missing")

@@ -92,6 +92,7 @@ def test_one_rig_is_a_table_with_intervals(world):
     )
     (car,) = (line.split("  ") for line in lines if line.startswith("Car"))
     assert " to " in car[-1]
+    assert lines[-1].startswith(f"next: compare rigs: lidarplace evaluate {world / 'log'} --rig ")
     assert not (world / "runs").exists()
 
 
@@ -101,7 +102,10 @@ def test_rigs_become_a_run_folder(world, tmp_path):
     again = [f"--rig={name}={world}/labels.parquet" for name in "ab"]
     places = [f"--geometry={name}={tmp_path / 'rig.yaml'}" for name in "ab"]
     out = tmp_path / "runs" / "two"
-    text = run(world, *rigs, *again, *places, "--generalist", "--out", out)
+    (tmp_path / "body.yaml").write_text("[[[-1, -1, 0], [3, 1, 2]]]")
+    vehicle = ["--vehicle", tmp_path / "body.yaml"]
+    text = run(world, *rigs, *again, *places, *vehicle, "--generalist", "--out", out)
+    assert f"lidarplace calibrate --log {world / 'log'}" in text.splitlines()[-1]
     for page in ("report.html", "decision.html", "failures.html"):
         assert (out / page).exists()
     assert str(out / "decision.html") in text.splitlines()
@@ -112,6 +116,7 @@ def test_rigs_become_a_run_folder(world, tmp_path):
     assert sorted(run_folder.trials["trial"]) == ["a/0", "a/1", "b/0", "b/1"]
     assert run_folder.failures is not None
     assert run_folder.placements["a"][0].x == 0.5
+    assert run_folder.sweep.body.boxes.tolist() == [[[-1, -1, 0], [3, 1, 2]]]
     decision = (out / "decision.html").read_text()
     assert "Where the LiDARs sit" in decision
     assert "MLflow" not in decision
@@ -145,7 +150,7 @@ def test_an_implausible_convention_is_refused_unless_accepted(world, tmp_path):
 def test_a_class_without_objects_has_no_ap(world):
     region = ["--roi", 5, 7, -20, 20, 0, 4]
     output = run(world, world / "a.parquet", *region, "--class", "Car", "--class", "Pedestrian")
-    assert "no object of Pedestrian counts in these frames: no AP, no recall" in output
+    assert "no AP, no recall: no object of Pedestrian counts in these frames" in output
     assert "of 0 objects" not in output
 
 

@@ -1,7 +1,9 @@
 """Rigs evaluated by weights in a file: `evaluator: pretrained`, in sweeps, searches and Python."""
 
+import socket
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,10 +14,10 @@ from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.clouds.collect import crop_for
 from sweeps.command_line import app
 from sweeps.configuration.grid import read_sweep
-from sweeps.plan import pretrained
+from sweeps.execution.worker import _prepare_device, try_task
 from sweeps.plan.plan import make_plan
 from sweeps.search.problem.problem import read_problem
-from sweeps.stages.task import plain
+from sweeps.store.local import Store
 from tests.mlflow_database import write_database
 from tests.refused import refused
 from tests.sweeps.small_log import write_small_log, write_sweep
@@ -211,15 +213,50 @@ def test_settings_of_a_training_decide_nothing_of_a_rig_that_is_not_trained_for(
     assert key() != key(score_threshold=0.2)
 
 
-def test_evaluations_on_a_gpu_have_other_keys(folder, monkeypatch):
-    def plan(present):
-        monkeypatch.setattr(pretrained, "has_card", lambda: present)
-        return make_plan(read_sweep(evaluated_sweep(folder)))
+def test_evaluations_on_a_gpu_have_other_keys(folder, card):
+    """Of a GPU that networks can use: one that torch cannot use leaves the CPU's."""
 
-    on_cpu, on_gpu = plan(False), plan(True)
-    stages = [task.stage for task in on_cpu.tasks if task.stage.name == "evaluate"]
-    assert stages
-    assert all("gpu" not in plain(stage) for stage in stages)
-    assert (on_cpu.gpu, on_gpu.gpu) == (False, True)
-    keys = [{task.key: task.stage.name for task in of.tasks} for of in (on_cpu, on_gpu)]
-    assert {name for key, name in keys[1].items() if key not in keys[0]} == {"evaluate"}
+    def keys(probe, **changes):
+        card(probe)
+        tasks = make_plan(read_sweep(evaluated_sweep(folder, **changes))).tasks
+        return {task.key: task.stage.name for task in tasks}
+
+    on_cpu, on_gpu = keys("print('cpu')"), keys("print('cuda')")
+    assert {name for key, name in on_gpu.items() if key not in on_cpu} == {"evaluate"}
+    assert keys("print('GPU: no driver')") == on_cpu
+    assert keys("raise OSError('libcudart')") == on_cpu
+    assert keys("print('cuda')", ray={"num_gpus": 0}) == on_cpu
+
+
+@pytest.mark.parametrize(
+    ("planned", "line"),
+    [
+        (True, "expected the GPU, found the CPU; ray.num_gpus=0 plans for the CPU"),
+        (False, "expected the CPU, found the GPU; CUDA_VISIBLE_DEVICES= hides it"),
+    ],
+)
+def test_a_result_of_another_device_than_planned_is_not_stored(
+    folder, tmp_path, monkeypatch, planned, line
+):
+    other = torch.device("cpu" if planned else "cuda")
+    monkeypatch.setattr("training.device.device", lambda: other)
+    plan = make_plan(read_sweep(evaluated_sweep(folder)))
+    evaluate = plan.trials[0].evaluate
+    task = replace(evaluate, stage=replace(evaluate.stage, gpu=planned))
+    assert task.stage.need().gpu_share == planned
+    store = Store(tmp_path)
+    failure = try_task(task, store, 0, 1.0).failure
+    assert failure.reason == f"RuntimeError: {socket.gethostname()}: {line}"
+    assert not failure.lasting
+    assert not store.has(task)
+
+
+def test_a_training_fails_on_an_assigned_gpu_that_is_full(monkeypatch):
+    monkeypatch.setattr("training.device.device", lambda: torch.device("cpu"))
+    monkeypatch.setattr("training.device.gpu_problem", lambda: "GPU: too little free memory")
+    stage = SimpleNamespace(gpu=None)
+    _prepare_device(stage, 1.0)  # the CPU was not assigned a GPU
+    monkeypatch.setattr("ray.is_initialized", lambda: True)
+    monkeypatch.setattr("ray.get_gpu_ids", lambda: [0])
+    with pytest.raises(RuntimeError, match=r": GPU: too little free memory; ray\.num_gpus=0 "):
+        _prepare_device(stage, 1.0)

@@ -59,6 +59,7 @@ class Memory(_DummyBackendModule):
     """Counterpart of torch.cuda; counts the bytes of the tensors that are alive."""
 
     total = 1 << 40  # bytes that there are
+    share = 1.0  # of it for this process
     bfloat16 = True  # whether there is hardware for it
 
     def __init__(self) -> None:
@@ -100,6 +101,9 @@ class Memory(_DummyBackendModule):
 
     def mem_get_info(self, device=None) -> tuple[int, int]:
         return self.total - self.taken, self.total
+
+    def get_per_process_memory_fraction(self, device=None) -> float:
+        return self.share
 
     def is_bf16_supported(self, including_emulation: bool = True) -> bool:
         return self.bfloat16

@@ -191,7 +191,7 @@ def test_mixed_precision(network, device):
 
 
 @pytest.mark.parametrize(
-    ("network", "predicts", "trains"), [("pointrcnn", 1, 2), ("pv_rcnn", 22, 22)]
+    ("network", "predicts", "trains"), [("pointrcnn", 1, 1), ("pv_rcnn", 6, 6)]
 )
 def test_the_host_waits_for_a_gpu_as_rarely_as_now(network, predicts, trains, other):
     """Two frames; a change that needs fewer waits lowers the numbers."""

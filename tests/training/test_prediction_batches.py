@@ -49,6 +49,17 @@ def test_a_gpu_takes_what_its_memory_holds(device, predict, monkeypatch):
     assert predict.batches == [4, LARGEST, LARGEST, COUNT - 4 - 2 * LARGEST]
 
 
+def test_a_process_with_a_share_of_the_gpu_takes_what_that_holds(device, predict, monkeypatch):
+    """Other processes may take the rest, which is free now."""
+    held = torch.empty(5 * KIB_A_FRAME * 256, device=device)
+    monkeypatch.setattr(MEMORY, "total", 100 * MEMORY.taken)
+    share = (MEMORY.taken + 10 / MEMORY_SHARE * KIB_A_FRAME * 1024 + 100) / MEMORY.total
+    monkeypatch.setattr(MEMORY, "share", share)
+    PredictionBatches(device, "auto").results(predict, 24)
+    assert predict.batches == [4, 10, 10]
+    assert len(held)
+
+
 def test_memory_that_ends_halves_the_batch_and_is_reported_once(
     device, predict, monkeypatch, caplog
 ):

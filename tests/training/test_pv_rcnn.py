@@ -85,7 +85,9 @@ def test_keypoints_are_openpcdets(openpcdet):
     for name, padding in paddings.items():
         order = in_openpcdets_order(order, padding, first.scales[name].shape)
         scales[name] = in_order(first.scales[name], order)
-    keypoints = model.pfe(points(DATA), scales, first.bev)
+    frames = points(DATA)
+    counts = [len(frame) for frame in frames]
+    keypoints = model.pfe(torch.cat(frames), counts, scales, first.bev)
     frame = torch.repeat_interleave(torch.tensor(keypoints.counts))[:, None]
     places = torch.cat([frame, keypoints.xyz], dim=1)
     assert worst_error(DATA, "eval/pfe/point_coords", places) == 0

@@ -60,7 +60,7 @@ def test_features_are_those_of_loops():
     module = small()
     clouds, scales, bev = scene([40, 0, 25])
     with torch.no_grad():
-        keypoints = module(clouds, scales, bev)
+        keypoints = module(torch.cat(clouds), [40, 0, 25], scales, bev)
     assert keypoints.counts == [6, 0, 6]
     assert keypoints.sources.shape == (12, module.inputs)
     for k, (frame, place) in enumerate(

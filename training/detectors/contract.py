@@ -53,14 +53,27 @@ def as_arrays(
     Raises:
         InputError: they are not what `Detector.predict` documents; names the network and the frame.
     """
-    arrays = []
     with at(f"{_name(model)}.predict"):
         if not isinstance(detections, Sequence) or len(detections) != len(frames):
             wanted = f"a list of {len(frames)} dicts, one per frame"
             raise InputError(expected=wanted, found=_kind(detections))
+        tensors = []
         for number, item in zip(frames, detections, strict=True):
             with at(f"frame {number}"):
-                arrays.append(_frame_arrays(item, len(model.classes)))
+                tensors.append(_frame_tensors(item))
+        # One copy from a GPU.
+        parts = [
+            part.detach().to(model.device, torch.float64).flatten()
+            for of_frame in tensors
+            for part in of_frame.values()
+        ]
+        numbers = iter(torch.cat(parts).cpu().split([len(part) for part in parts]))
+        arrays = []
+        for number, of_frame in zip(frames, tensors, strict=True):
+            values = {n: next(numbers).view(part.shape).numpy() for n, part in of_frame.items()}
+            with at(f"frame {number}"):
+                _check_values(values, len(model.classes))
+            arrays.append(values | {"labels": values["labels"].astype(np.int64)})
     return arrays
 
 
@@ -71,18 +84,25 @@ def check_boxes_of(model: Detector, boxes: pd.DataFrame) -> None:
             check_unit(boxes[list(SIZE)].to_numpy(np.float64))
 
 
-def _frame_arrays(item: Mapping[str, Tensor], classes: int) -> dict[str, NDArray[Any]]:
+def _frame_tensors(item: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Tensors of a frame's detections, whose shapes are checked."""
     if not isinstance(item, Mapping) or not {"boxes", "scores", "labels"} <= item.keys():
         raise InputError(expected="a dict of boxes, scores and labels", found=_kind(item))
-    arrays: dict[str, NDArray[Any]] = {}
+    tensors: dict[str, Tensor] = {}
     for name in (name for name in _COLUMNS if name in item):
         value, columns = item[name], _COLUMNS[name]
         shape = tuple(value.shape) if isinstance(value, Tensor) else ()
-        rows = shape[0] if columns and shape else len(arrays.get("boxes", ()))
+        rows = shape[0] if columns and shape else len(tensors.get("boxes", ()))
         if shape != (rows, *columns):
             expected = "(M, 7)" if columns else f"({rows},)"
             raise InputError("wrong shape", key=name, expected=expected, found=_kind(value))
-        array = arrays[name] = value.detach().cpu().double().numpy()
+        tensors[name] = value
+    return tensors
+
+
+def _check_values(arrays: Mapping[str, NDArray[np.float64]], classes: int) -> None:
+    """Check the numbers of a frame's detections."""
+    for name, array in arrays.items():
         if name == "boxes" and (invalid := first_invalid(array)) is not None:
             row, column, allowed = invalid
             key, number = f"boxes[{row}]: {column}", array[row, GEOMETRY.index(column)]
@@ -93,8 +113,6 @@ def _frame_arrays(item: Mapping[str, Tensor], classes: int) -> dict[str, NDArray
         if bad.any():
             row = int(np.argwhere(bad)[0][0])
             raise InputError(key=f"{name}[{row}]", expected=allowed, found=array[row].tolist())
-    arrays["labels"] = arrays["labels"].astype(np.int64)
-    return arrays
 
 
 def _name(model: Detector) -> str:

@@ -121,8 +121,9 @@ class PointRCNN(Detector):
 
     def first_stage(self, frames: Sequence[Tensor]) -> tuple[ScoredPoints, PointOutput]:
         """Features and raw outputs of the points that are chosen from frames (N, 4)."""
-        inside = (within(frame, self.point_range) for frame in frames)
-        chosen = [sample_points(frame, self.points, self.training) for frame in inside]
+        inside, counts = within(frames, self.point_range)
+        parts = inside.split(counts)
+        chosen = [sample_points(part, self.points, self.training) for part in parts]
         counts = [len(frame) for frame in chosen]
         points = torch.cat(chosen).to(self.point_head.sizes, non_blocking=True)
         xyz = points[:, :3].contiguous()

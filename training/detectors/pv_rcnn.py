@@ -109,10 +109,10 @@ class PvRcnn(TwoStageVoxelDetector):
 
     def between(self, points: Sequence[Tensor], first: FirstStage) -> ScoredKeypoints:
         """Keypoints of frames of points (N, 4), and whether they lie on objects."""
-        moved = (frame.to(self.device, non_blocking=True) for frame in points)
-        inside = [within(frame, self.point_range) for frame in moved]
+        inside, counts = within(points, self.point_range)
+        inside = inside.to(self.device, non_blocking=True)
         scales = {name: mixed(voxels) for name, voxels in first.scales.items()}
-        keypoints = self.pfe(inside, scales, first.bev)
+        keypoints = self.pfe(inside, counts, scales, first.bev)
         return keypoints, self.point_head(keypoints.sources)
 
     def between_loss(self, seen: ScoredKeypoints, boxes: Rows, labels: Rows) -> dict[str, Tensor]:

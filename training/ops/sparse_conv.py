@@ -102,10 +102,7 @@ def _convolution_kernel(features, weight, table):
         count = _pairs(table[k], pairs)
         for first in range(0, count, _PORTION):
             portion = pairs[first : min(first + _PORTION, count)]
-            for i in range(len(portion)):
-                row = table[k, portion[i]]
-                for c in range(inputs):
-                    rows[i, c] = features[row, c]
+            _gather(features, table[k], portion, rows)
             np.dot(rows[: len(portion)], weight[k], products[: len(portion)])
             for i in range(len(portion)):
                 row = portion[i]
@@ -127,16 +124,22 @@ def _gradient_kernel(features, grad, table):
         count = _pairs(table[k], pairs)
         for first in range(0, count, _PORTION):
             portion = pairs[first : min(first + _PORTION, count)]
+            _gather(features, table[k], portion, rows)
             for i in range(len(portion)):
-                row = table[k, portion[i]]
-                for c in range(inputs):
-                    rows[i, c] = features[row, c]
-                row = portion[i]
                 for c in range(outputs):
-                    grads[i, c] = grad[row, c]
+                    grads[i, c] = grad[portion[i], c]
             np.dot(grads[: len(portion)].T, rows[: len(portion)], product)
             result[k] += product
     return result
+
+
+@inner
+def _gather(features, sources, portion, rows):
+    """Fill `rows` with the features of the `sources` of a portion."""
+    for i in range(len(portion)):
+        source = sources[portion[i]]
+        for c in range(features.shape[1]):
+            rows[i, c] = features[source, c]
 
 
 @inner

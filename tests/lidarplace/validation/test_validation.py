@@ -14,7 +14,6 @@ from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.points_in_boxes import count_points_per_object
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.commands.convert import app as convert
-from lidarplace.commands.validate import app
 from lidarplace.configuration.correction import read_correction
 from lidarplace.configuration.vehicle import read_vehicle
 from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
@@ -23,7 +22,6 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.validation.decision import decide
-from lidarplace.validation.page import with_world
 from lidarplace.validation.simulation import (
     SECTORS,
     SimulatedRig,
@@ -35,6 +33,8 @@ from lidarplace.validation.validation import validate
 from tests.other_simulator import write_log
 from tests.refused import refused
 from tests.sweeps.toy import call
+from tracking.validation.command import app
+from tracking.validation.page import warnings_of, with_world
 
 NAMES = ("up", "down")
 LIDAR = Lidar.even(beams=32, elevation_deg=(-25, 12), azimuth_steps=1200, range=150.0)
@@ -195,7 +195,7 @@ def test_a_simulator_that_is_right_is_believed_as_it_is(tmp_path):
 
 def test_a_correction_that_was_fitted_to_the_log_that_judges_it_says_so(results):
     why = decide(replace(results, correction_given=True)).why
-    assert "fitted to this very log" in why[2]
+    assert "fitted to this log" in why[2]
     facts = results.correction.fitted | {"tracks": results.tracks + 1}
     other = results.correction.model_copy(update={"fitted": facts})
     decision = decide(replace(results, correction_given=True, correction=other))
@@ -212,7 +212,7 @@ def test_a_wrong_label_is_left_out(real, results):
     wrong = replace(log, boxes=pd.concat([log.boxes, van], ignore_index=True))
     mended = validate(wrong, folder, without=["van"])
     pd.testing.assert_frame_equal(mended.scores, results.scores, check_exact=True)
-    assert with_world(mended) == "static world for 0% of the objects; left out: van"
+    assert with_world(mended) == "static world for 0 % of the objects; left out: van"
     for name, names in (("bus", "none"), ("", "none"), ("0-", "0-0, 0-1, …")):
         with refused(("boxes.parquet", "object_id", names), f"'{name}'"):
             validate(wrong, folder, without=[name])
@@ -241,6 +241,31 @@ def test_few_tracks_give_one_number_and_no_decision(tmp_path):
     decision = decide(results)
     assert decision.answer == "no"
     assert "Too few tracks" in decision.why[0]
+
+
+def test_points_of_the_worst_objects_lie_over_each_other(results, real):
+    _, log = real
+    boxes = log.boxes.reset_index(drop=True)
+    assert len(results.overlays) == 6
+    for overlay, row in zip(results.overlays, results.worst.to_dict("index").items(), strict=False):
+        (number, worst), half = row, overlay.size / 2
+        inside = (np.abs(overlay.real) <= half + 1e-3).all(axis=1)
+        assert inside.sum() == pytest.approx(worst["real"], abs=2)
+        assert len(overlay.simulated) == worst["shipped"]
+        assert (np.abs(overlay.simulated) <= half + 1e-3).all()
+        place = boxes.loc[number, ["x", "y", "z"]].to_numpy(float)
+        assert np.linalg.norm(overlay.origin) == pytest.approx(np.linalg.norm(place))
+
+
+def test_a_shadow_that_is_wider_than_a_vehicle_is_a_cropped_cloud(results):
+    assert not warnings_of(results)
+    half = np.ones((2, SECTORS))
+    half[0, :20] = half[0, -16:] = 0.0  # 36 sectors behind, through ±180 degrees
+    (warning,) = warnings_of(replace(results, shadows=half))
+    assert warning.startswith("up: almost no returns over 180° of azimuth.")
+    assert "cropped" in warning
+    half[0] = np.arange(SECTORS) % 2  # as much, but nowhere in one piece
+    assert not warnings_of(replace(results, shadows=half))
 
 
 def test_ground_hides_nothing(real):
@@ -313,7 +338,7 @@ def test_a_world_that_convert_built_stops_simulated_rays(tmp_path):
         result = call(convert, "table", f"{tmp_path}/source", log, *clouds, *more)
         assert ("static world" in result.output) == bool(more)
         result = call(app, log, "--out", str(out))
-        says = f"static world for {100 * len(more)}% of the objects"
+        says = f"static world for {100 * len(more)} % of the objects"
         assert says in result.output
         assert says in (out / "validation.html").read_text(encoding="utf-8")
         table = pd.read_parquet(out / "scores.parquet")
@@ -359,10 +384,10 @@ def judged(results, shipped, corrected=None, **facts):
         ("bias", 0.1, 0.11, "median object has 1.08 times"),
         ("bias", -0.1, -0.11, "median object has 0.93 times"),
         ("spread", 0.5, 0.51, "off by more than a factor 1.42"),
-        ("within_2", 0.75, 0.74, "74% of objects"),
+        ("within_2", 0.75, 0.74, "74 % of objects"),
         ("rho", 0.85, 0.84, "rank correlation over objects is 0.84"),
-        ("simulated_5", 0.549, 0.56, "at least 5 points is off by +6.0%"),
-        ("simulated_5", 0.451, 0.44, "at least 5 points is off by -6.0%"),
+        ("simulated_5", 0.549, 0.56, "at least 5 points is off by +6.0 %"),
+        ("simulated_5", 0.451, 0.44, "at least 5 points is off by −6.0 %"),
     ],
 )
 def test_every_limit_decides(results, column, met, failed, says):

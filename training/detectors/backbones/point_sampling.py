@@ -1,5 +1,7 @@
 """The points of a cloud that a point network looks at."""
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -8,14 +10,20 @@ from training.detectors.detector import PointRange
 NEAR = 40.0  # points beyond this distance are few and all kept where possible, metres
 
 
-def within(points: Tensor, point_range: PointRange) -> Tensor:
-    """Select the finite rows of `points` (N, 4) in the range of x and y, its border included.
+def within(frames: Sequence[Tensor], point_range: PointRange) -> tuple[Tensor, list[int]]:
+    """Select the finite points of frames (N, 4) in the range of x and y, its border included.
 
-    At any height, as in OpenPCDet: only voxels end at the range's top and bottom."""
+    At any height, as in OpenPCDet: only voxels end at the range's top and bottom. Returns them
+    frame after frame, (M, 4), and the number of each frame, for which the host waits once if they
+    are on a GPU."""
+    points = torch.cat(list(frames))
     x, y = points[:, 0], points[:, 1]
     inside = (x >= point_range[0]) & (x <= point_range[3])
     inside &= (y >= point_range[1]) & (y <= point_range[4])
-    return points[inside & points.isfinite().all(dim=1)]
+    inside &= points.isfinite().all(dim=1)
+    parts = inside.split([len(frame) for frame in frames])
+    counts = torch.stack([part.sum() for part in parts]).tolist()
+    return points[torch.nonzero_static(inside, size=sum(counts)).flatten()], counts
 
 
 def sample_points(points: Tensor, number: int, training: bool) -> Tensor:

@@ -62,28 +62,27 @@ class VoxelSetAbstraction(nn.Module):
         )
 
     def forward(
-        self, points: Sequence[Tensor], scales: Mapping[str, SparseTensor], bev: Tensor
+        self, points: Tensor, counts: Sequence[int], scales: Mapping[str, SparseTensor], bev: Tensor
     ) -> Keypoints:
-        """Keypoints of frames of points (N, 4), float32, finite and in the range.
+        """Keypoints of points (N, 4), float32, finite and in the range, `counts` of each frame.
 
         `scales` are SCALES of the sparse backbone, `bev` (B, bev, ny, nx) the encoded grid from
         above."""
-        counts, stacked = [len(frame) for frame in points], torch.cat(list(points))
-        rows, keypoint_counts = furthest_point_sample(stacked[:, :3], counts, self.keypoints)
-        stacked = stacked.to(next(self.parameters()).dtype)
-        xyz = stacked[:, :3].contiguous()
+        rows, keypoint_counts = furthest_point_sample(points[:, :3], counts, self.keypoints)
+        points = points.to(next(self.parameters()).dtype)
+        xyz = points[:, :3].contiguous()
         keypoints = xyz[rows]
         near = keypoints, stacked_counts(keypoint_counts, xyz.device)
         frame = torch.repeat_interleave(near[1], output_size=len(keypoints))
         features = [
             sample_image(bev, frame, self._cells(keypoints)),
-            self.SA_rawpoints(xyz, stacked_counts(counts, xyz.device), stacked[:, 3:], *near),
+            self.SA_rawpoints(xyz, stacked_counts(counts, xyz.device), points[:, 3:], *near),
         ]
         for (name, stride), layer in zip(SCALES.items(), self.SA_layers, strict=True):
             voxels = scales[name]
             centres = self.grid.centres(voxels.coordinates, stride, xyz.dtype)
             # The voxels are frame after frame; a GPU's host would wait for bincount().
-            frames = torch.arange(len(points) + 1, device=xyz.device)
+            frames = torch.arange(len(counts) + 1, device=xyz.device)
             voxel_counts = torch.searchsorted(voxels.coordinates[:, 0].contiguous(), frames).diff()
             features.append(layer(centres, voxel_counts, voxels.features, *near))
         sources = torch.cat(features, dim=1)

@@ -35,11 +35,19 @@ class VoxelGrid:
         nz, ny, nx = self.cells
         return nz + 1, ny, nx
 
+    def edges_and_corner(self, like: Tensor) -> tuple[Tensor, Tensor]:
+        """Edges of a voxel and the lowest corner, (3,) each, along x, y, z, metres.
+
+        On the device of `like`, whose host does not wait, and with its dtype."""
+        constants = torch.tensor([self.size, self.point_range[:3]], dtype=like.dtype)
+        edges, corner = constants.to(like.device, non_blocking=True)
+        return edges, corner
+
     def centres(self, coordinates: Tensor, stride: int, dtype: torch.dtype) -> Tensor:
         """Centres (N, 3), metres, of voxels frame, z, y, x with `stride` times the grid's edge."""
-        place = coordinates[:, [3, 2, 1]].to(dtype)
-        size = place.new_tensor(self.size) * stride
-        return (place + 0.5) * size + place.new_tensor(self.point_range[:3])
+        place = coordinates[:, 1:].flip(1).to(dtype)
+        edges, corner = self.edges_and_corner(place)
+        return (place + 0.5) * (edges * stride) + corner
 
 
 @njit(cache=True)

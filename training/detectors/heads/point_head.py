@@ -110,10 +110,11 @@ class PointHeadBox(nn.Module):
 
     def loss(self, output: PointOutput, targets: PointTargets, xyz: Tensor) -> dict[str, Tensor]:
         """Compute "point_cls" and "point_box", both over the number of points on objects."""
-        rows = torch.nonzero(targets.labels > 0).flatten()
-        sizes = self.sizes[targets.labels[rows] - 1]
-        expected = encode_points(targets.boxes[rows], xyz[rows], sizes)
-        residuals = output.residuals[rows]
+        # All points, as a GPU's host would have to wait for the number of those on objects.
+        positive = targets.labels > 0
+        sizes = self.sizes[(targets.labels - 1).clamp_min(0)]
+        expected = encode_points(targets.boxes, xyz, sizes).where(positive[:, None], 0)
+        residuals = output.residuals.where(positive[:, None], 0)
         if self.either_way:
             backwards = (residuals * expected)[:, 6:].sum(dim=1, keepdim=True) < 0
             yaw = torch.where(backwards, -expected[:, 6:], expected[:, 6:])
@@ -121,7 +122,7 @@ class PointHeadBox(nn.Module):
         box = functional.smooth_l1_loss(residuals, expected, reduction="sum", beta=BETA)
         return {
             "point_cls": segmentation_loss(output.logits, targets.labels),
-            "point_box": box / max(1, len(rows)),
+            "point_box": box / positive.sum().clamp_min(1),
         }
 
 

@@ -70,9 +70,8 @@ class VoxelRcnnHead(RoiHead):
     def _pool(self, rois: Tensor, scales: Mapping[str, SparseTensor]) -> Tensor:
         """Features (B * R, grid³ * C) of all scales at the places of a grid in each RoI."""
         places = roi_grid(rois.flatten(0, 1), self.size).flatten(0, 1)
-        low = places.new_tensor(self.voxels.point_range[:3])
-        size = places.new_tensor(self.voxels.size)
-        cells = cells_of(places - low, size)
+        edges, corner = self.voxels.edges_and_corner(places)
+        cells = cells_of(places - corner, edges)
         frame = torch.arange(len(rois), device=rois.device)
         frame = frame.repeat_interleave(len(places) // len(rois))[:, None]
         features = []

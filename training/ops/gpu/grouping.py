@@ -7,6 +7,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from training.ops.gpu.bisection import count_up_to
 from training.ops.gpu.launch import launch
 from training.ops.grouping import stacked_counts
 
@@ -122,14 +123,7 @@ def _count_kernel(
     row = tl.load(order + place, head, 0)
     start = tl.load(starts + key // cells, head, 0)
     rank = tl.load(ranks + row, head, 0) - tl.load(ranks + start - 1, head & (start > 0), 0)
-    # Bisection: the last place of this cell.
-    last = tl.full((LANES,), 0, tl.int32)
-    length = count
-    while length > 1:
-        half = length // 2
-        last = tl.where(tl.load(keys + last + half) <= key, last + half, last)
-        length -= half
-    used = tl.minimum(last - place + 1, max_points).to(tl.int64)
+    used = tl.minimum(count_up_to(keys, key, count) - place, max_points).to(tl.int64)
     slot = row if BY_ROW else place
     tl.store(counts + slot, used, head & (rank <= max_cells))
 
@@ -164,13 +158,7 @@ def _copy_kernel(
     place = tl.program_id(0) * LANES + tl.arange(0, LANES)
     key = tl.load(keys + place, place < count, 0x7FFFFFFFFFFFFFFF)
     valid = key != 0x7FFFFFFFFFFFFFFF
-    # Bisection: the first place of this cell.
-    head = tl.full((LANES,), 0, tl.int32)
-    length = count
-    while length > 1:
-        half = length // 2
-        head = tl.where(tl.load(keys + head + half - 1) < key, head + half, head)
-        length -= half
+    head = count_up_to(keys, key - 1, count)
     first = tl.load(order + head, valid, 0)
     used = tl.load(counts + first, valid, 0)
     number = tl.load(numbers + first, valid, 1) - 1

@@ -7,6 +7,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from training.ops.gpu.bisection import count_up_to
 from training.ops.gpu.launch import launch
 
 _ROWS, _TILE = 16, 256  # new points of a program, and points that it looks at in one go
@@ -41,7 +42,7 @@ def voxels_around(
     (xyz, keys, shape), (new_xyz, new_coordinates) = occupied, new
     idx, empty = _results(len(new_xyz), samples, xyz.device)
     places = xyz.contiguous(), keys, new_xyz.contiguous(), new_coordinates.contiguous()
-    sizes = (*shape, *reach, len(keys), len(keys).bit_length(), len(new_xyz), samples)
+    sizes = (*shape, *reach, len(keys), len(new_xyz), samples)
     blocks = {"ROWS": _PLACES, "LINES": _LINES, "LANES": triton.next_power_of_2(samples)}
     blocks["WIDTH"] = triton.next_power_of_2(2 * reach[2] + 1)
     programs = triton.cdiv(len(new_xyz), _PLACES)
@@ -72,14 +73,8 @@ def range_in_frame(row, new_ends, ends, frames):
     """First row, and the row behind the last, of the points in the frame of each new point.
 
     Both are 0 for a row behind the last new point."""
-    # Bisection: the first frame that ends behind the row.
-    frame = tl.zeros_like(row)
-    length = frames
-    while length > 1:
-        half = length // 2
-        frame = tl.where(tl.load(new_ends + frame + half - 1) <= row, frame + half, frame)
-        length -= half
-    real = row < tl.load(new_ends + frame)
+    frame = count_up_to(new_ends, row, frames)
+    real = frame < frames
     first = tl.load(ends + frame - 1, real & (frame > 0), 0).to(tl.int32)
     return first, tl.load(ends + frame, real, 0).to(tl.int32)
 
@@ -135,10 +130,10 @@ def _ball_kernel(
     _repeat_first(idx, empty, row, first, hits, inside, samples, LANES)
 
 
-@triton.jit(do_not_specialize=["count", "steps", "rows"])
+@triton.jit(do_not_specialize=["count", "rows"])
 def _voxel_kernel(
     xyz, keys, new_xyz, new_coordinates, idx, empty, nz, ny, nx, reach_z, reach_y, reach_x,
-    count, steps, rows, samples, SQUARED: tl.constexpr, ROWS: tl.constexpr, LINES: tl.constexpr,
+    count, rows, samples, SQUARED: tl.constexpr, ROWS: tl.constexpr, LINES: tl.constexpr,
     LANES: tl.constexpr, WIDTH: tl.constexpr,
 ):  # fmt: skip
     row = tl.program_id(0) * ROWS + tl.arange(0, ROWS)
@@ -161,7 +156,7 @@ def _voxel_kernel(
         is_line = inside[:, None] & (line < lines)
         is_line &= (line_z >= 0) & (line_z < nz) & (line_y >= 0) & (line_y < ny)
         cell = ((frame * nz + line_z) * ny + line_y) * nx
-        begin = _first_from(keys, cell + tl.maximum(cx - reach_x, 0), is_line, count, steps)
+        begin = count_up_to(keys, cell + tl.maximum(cx - reach_x, 0) - 1, count)
         last = cell + tl.minimum(cx + reach_x, nx - 1)
         column = begin[:, :, None] + tl.arange(0, WIDTH)[None, None, :]
         is_voxel = is_line[:, :, None] & (column < count)
@@ -177,20 +172,6 @@ def _voxel_kernel(
         hits = store_hits(idx, row, column, hit, hits, samples)
         low = tl.where(tl.min(hits, 0) < samples, low + LINES, lines)
     _repeat_first(idx, empty, row, first, hits, inside, samples, LANES)
-
-
-@triton.jit
-def _first_from(keys, wanted, mask, count, steps):
-    """Row of the first of rising keys that is not below those `wanted`, or their `count`."""
-    low = tl.zeros_like(wanted).to(tl.int32)
-    high = low + count
-    for _ in range(steps):
-        middle = (low + high) // 2
-        searching = mask & (low < high)
-        is_below = tl.load(keys + middle, searching, 0) < wanted
-        low = tl.where(searching & is_below, middle + 1, low)
-        high = tl.where(searching & is_below, high, middle)
-    return low
 
 
 @triton.jit(do_not_specialize=["rows"])

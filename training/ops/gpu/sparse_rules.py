@@ -5,6 +5,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from training.ops.gpu.bisection import count_up_to
 from training.ops.gpu.launch import launch
 
 Triple = tuple[int, int, int]  # along z, y, x
@@ -58,14 +59,8 @@ def _table_kernel(
     plane = position // kernel_x
     step = (plane // kernel_y * extent_y + plane % kernel_y) * extent_x + position % kernel_x
     wanted = tl.load(starts + start) + step
-    # Bisection: the last site that is not behind the wanted one.
-    site = tl.full((LANES,), 0, tl.int32)
-    length = sites
-    while length > 1:
-        half = length // 2
-        site = tl.where(tl.load(keys + site + half) <= wanted, site + half, site)
-        length -= half
-    hit = inside & (tl.load(keys + site) == wanted)
+    site = count_up_to(keys, wanted, sites) - 1
+    hit = inside & (tl.load(keys + site, site >= 0, -1) == wanted)
     tl.store(inputs + entry, tl.where(hit, site, -1), inside)
     tl.store(outputs + position * sites + site, start, hit)
 

@@ -1,4 +1,4 @@
-"""Validation of the simulator on a team's own recordings: `lidarplace validate LOG`."""
+"""Validation of the simulator on a team's recordings: `lidarplace validate LOG`."""
 
 import sys
 from pathlib import Path
@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lidarplace.command_line.options import LogArgument
+from lidarplace.command_line.options import LogArgument, VehicleOption
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import checked_input, new_app, verb
 from lidarplace.configuration.correction import read_correction, write_correction
 from lidarplace.configuration.vehicle import read_vehicle
 from lidarplace.files.atomic import replacing
 from lidarplace.logs.box_log import read_box_log
-from lidarplace.validation.fit import FEWEST_TRACKS
 
 if TYPE_CHECKING:
     from lidarplace.validation.validation import Validation
@@ -31,14 +30,7 @@ def main(
         str | None,
         typer.Option(metavar="FILE|NAME", help="evaluate this correction instead of fitting one"),
     ] = None,
-    vehicle: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="body of the vehicle: YAML file with the value of a sweep's key vehicle, or a "
-            "mesh in metres; a sedan by default",
-        ),
-    ] = None,
+    vehicle: VehicleOption = None,
     without: Annotated[
         list[str] | None,
         typer.Option(
@@ -54,8 +46,8 @@ def main(
     answers whether to trust the simulator for this vehicle; its tables as Parquet; and
     correction.yaml for `lidar: {correction: …}`."""
     from lidarplace.validation.decision import decide
-    from lidarplace.validation.page import write_page
     from lidarplace.validation.validation import validate
+    from tracking.validation.page import warnings_of, write_validation
 
     with checked_input():
         file = None if correction is None else read_correction(correction)
@@ -68,25 +60,19 @@ def main(
                 getattr(validation, name).to_parquet(parquet, index=False)
         if file is None:
             write_correction(out / "correction.yaml", validation.correction)
-        write_page(out / "validation.html", f"Validation of {log.name}", validation, decision)
+        title = f"Validation of {log.name}"
+        page = write_validation(out / "validation.html", title, validation, decision)
     _print(validation, f"{log}: simulated against real points")
+    for warning in warnings_of(validation):
+        say(f"warning: {warning}", sys.stderr)
     say(f"{decision.answer}: {' '.join(decision.why)}")
-    say(out / "validation.html")
+    say(page)
 
 
 def _print(validation: "Validation", title: str) -> None:
-    from lidarplace.validation.page import with_world
+    from tracking.validation.page import SCORES, with_world
 
-    if validation.tracks < FEWEST_TRACKS:
-        expected = f"expected at least {FEWEST_TRACKS}, found {validation.tracks}"
-        say(f"warning: too few tracks; {expected}", sys.stderr)
-    scores = validation.scores[validation.scores["by"] == "all"]
-    forms = {"objects": ",.0f", "ratio": ".2f", "bias": "+.2f", "spread": ".2f"}
-    forms |= {"within_2": ".0%", "rho": ".2f"}
-    rows = (
-        [row["model"], *(format(row[name], form) for name, form in forms.items())]
-        for row in scores.to_dict("records")
-    )
-    head = ("", "objects", "ratio", "bias, log2", "spread, log2", "within ×2", "rho")
-    output().print(table(title, head, rows))
+    scores = validation.scores[validation.scores["by"] == "all"].to_dict("records")
+    rows = ([row["model"], *(column.cell(row) for column in SCORES)] for row in scores)
+    output().print(table(title, ["", *(column.head for column in SCORES)], rows))
     say(with_world(validation))

@@ -1,0 +1,1 @@
+"""Command and page that compare the simulator with real points."""
