@@ -11,8 +11,8 @@ from lidarplace.requirements.tables import Ground
 from sweeps.configuration.objective import TOTALS
 from sweeps.search.cheapest.result import FILE, CheapestAnswer, as_json, cost_text
 from sweeps.search.cheapest.rig_check import cost_of
-from sweeps.search.output.run_folder import zones_of
 from sweeps.search.problem.rig import Rig
+from sweeps.search.problem.space import zones_of
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.figures.kit.style import OUTLINE, colour, figure, legend_below
 from tracking.labels import digits

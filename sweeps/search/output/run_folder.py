@@ -29,7 +29,7 @@ from sweeps.search.output.tables import greedy_table, importances, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig, placement_of
-from sweeps.search.problem.space import Space, rig_of
+from sweeps.search.problem.space import rig_of, zones_of
 from sweeps.search.trials.aggregate import class_weights
 from sweeps.search.trials.study import assessment_of, finished_trials, journal_path
 from sweeps.search.verification.winners import AssessedRig, SearchFindings, stride_error
@@ -193,18 +193,6 @@ def _stride(problem: SearchProblem, findings: SearchFindings) -> kinds.Stride | 
     if not any(objective.by in RAY_SURROGATES for objective in criteria.objectives):
         return None
     return kinds.Stride(azimuth_stride=criteria.azimuth_stride, relative_error=error)
-
-
-def zones_of(space: Space) -> list[kinds.Zone]:
-    """Describe the zones of a search with their ranges of angles."""
-    spans = {zone.name: space.spans(zone.name).items() for zone in space.zones}
-    angles = {
-        name: {f"{angle}_deg": span for angle, span in of_zone} for name, of_zone in spans.items()
-    }
-    return [
-        kinds.Zone(name=zone.name, polygon=zone.polygon, z=zone.z, **angles[zone.name])
-        for zone in space.zones
-    ]
 
 
 def _linear_share(problem: SearchProblem, findings: SearchFindings) -> float | None:

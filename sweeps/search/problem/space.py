@@ -30,6 +30,7 @@ from lidarplace.mounting.zone import (
 )
 from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.rig import MountedLidar, Rig, mirrored, ordered, rounded
+from tracking.run_folders import search_json
 
 NUMBER = "lidars"
 """Parameter for the number of LiDARs: of all zones together, or after the name of a zone."""
@@ -337,3 +338,15 @@ def fits(slot: MountSlot, zone: Zone, mount: Mount) -> bool:
 
 def _same(one: Mount, other: Mount) -> bool:
     return all(abs(a - b) < _OFF for a, b in zip(astuple(one), astuple(other), strict=True))
+
+
+def zones_of(space: Space) -> list[search_json.Zone]:
+    """Describe the zones of a search with their ranges of angles."""
+    spans = {zone.name: space.spans(zone.name).items() for zone in space.zones}
+    angles = {
+        name: {f"{angle}_deg": span for angle, span in of_zone} for name, of_zone in spans.items()
+    }
+    return [
+        search_json.Zone(name=zone.name, polygon=zone.polygon, z=zone.z, **angles[zone.name])
+        for zone in space.zones
+    ]
