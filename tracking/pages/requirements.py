@@ -26,7 +26,7 @@ COLOURS = (
     "The value at each position, in the worst case, relative to the requirement: orange is "
     "too little, blue is enough. The cross is the worst place; diamonds are LiDARs."
 )
-MOST_DRAWN = 12  # of what fails
+MOST_DRAWN = 12
 _ENOUGH = 0.5
 _COLOURS = ((0.0, "#7a2b00"), (_ENOUGH, "#f0a070"), (_ENOUGH, "#a8d4f0"), (1.0, "#15619f"))
 """Colours of the share of the need: orange is too little, darker the less; blue is enough."""
@@ -77,7 +77,7 @@ def in_short(row: Mapping[Any, Any]) -> str:
     return "; ".join([verdict, ", ".join(filter(None, [row["case"], _place(row)]))])
 
 
-def draw_failures(
+def draw_verdicts(
     section: Section,
     worst: pd.DataFrame,
     rig: str,
@@ -85,27 +85,28 @@ def draw_failures(
     mounts: Mapping[str, Sequence[Mount]],
     grounds: Grounds | None,
 ) -> None:
-    """Add pictures of what rigs fail, as far as their grounds are kept, and say what they show.
+    """Add pictures of all that the first rig passes and fails, then of what others fail.
 
     `worst` are rows of `lidarplace.requirements.tables.worst_cases`, `rig` is the column that
-    distinguishes rigs, `order` has the rigs to draw first in front, `mounts` are by rig."""
-    failing = [
+    distinguishes rigs, `order` has the rigs to draw first in front, `mounts` are by rig. There are
+    pictures as far as `grounds` are kept; notes say what they show."""
+    if grounds is None:
+        return
+    drawn = [
         (name, row, ground)
-        for name in order
-        for row in worst[(worst[rig] == name) & ~worst["met"]].to_dict("records")
-        if grounds is not None
+        for number, name in enumerate(order)
+        for row in worst[(worst[rig] == name)].sort_values("met", kind="stable").to_dict("records")
+        if (number == 0 or not row["met"])
         and (ground := grounds.under(name, row["requirement"])) is not None
         and ground.least.size
     ]
-    if grounds is None or not failing:
-        return
     section.figures += [
         requirement_map(row, ground, name, mounts[name], grounds.body)
-        for name, row, ground in failing[:MOST_DRAWN]
+        for name, row, ground in drawn[:MOST_DRAWN]
     ]
-    section.notes.append(COLOURS)
-    if len(failing) > MOST_DRAWN:
-        section.notes.append(f"The first {MOST_DRAWN} of {len(failing)} failures are drawn.")
+    section.notes += [COLOURS] if drawn else []
+    if len(drawn) > MOST_DRAWN:
+        section.notes.append(f"The first {MOST_DRAWN} of {len(drawn)} pictures are shown.")
 
 
 def requirement_map(

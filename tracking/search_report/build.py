@@ -11,7 +11,7 @@ from tracking.figures import of_searches
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.labels import DASH, digits, number
 from tracking.pages.html_page import write_page
-from tracking.pages.requirements import ALONE, counted, draw_failures, verdict_table
+from tracking.pages.requirements import ALONE, counted, draw_verdicts, verdict_table
 from tracking.pages.section import MOST_ROWS, Section, Table
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig
@@ -19,6 +19,8 @@ from tracking.search_report import headline, tables
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import constraint_table, infeasible_sentences, nearest_trial
 
+PAGE = Path(__file__).with_name("search.html")
+"""Template of the pages of a search and of the cheapest rig."""
 MOST_RIGS = 12
 """Rigs of a front whose mounts are listed; the picture's menu is filled up to as many."""
 MOST_BEST = 4
@@ -38,10 +40,10 @@ def build_search_report(folder: Path) -> Path:
     parts += [_requirements, _robustness, _verified, _parameters]
     return write_page(
         run.path / "search.html",
-        Path(__file__).with_name("search.html"),
+        PAGE,
         name=search.name,
         summary=headline.summary(search),
-        search=search,
+        command=search.command,
         answer=headline.answer(run),
         next_steps=headline.next_steps(run),
         warnings=cautions(run),
@@ -100,7 +102,9 @@ def _picture(run: SearchFolder) -> Section:
     if not menu:
         return Section("The rigs", place="picture")
     named = ", ".join(kind for kind, of_kind in kinds.items() if of_kind)
-    pictured = {name: PicturedRig.found(rig) for name, rig in menu.items()}
+    pictured = {
+        name: PicturedRig.in_zones(rig.placed, rig.models, rig.zones) for name, rig in menu.items()
+    }
     picture = rig_picture(pictured, run.search.body, run.search.zones)
     return Section(
         "The rigs",
@@ -188,7 +192,8 @@ def _requirements(run: SearchFolder) -> Section | None:
     table = verdict_table(worst, ["rig"]).first(MOST_ROWS)
     section = Section("Requirements", [counted(worst), ALONE], tables=[table], folded=True)
     mounts = {name: rig.placed for name, rig in rigs.items()}
-    draw_failures(section, worst, "rig", worst["rig"].unique(), mounts, run.grounds)
+    order = dict.fromkeys([*_best(run), *worst["rig"]])
+    draw_verdicts(section, worst, "rig", order, mounts, run.grounds)
     return section
 
 
