@@ -75,7 +75,8 @@ class Roi:
     @classmethod
     def nearest(cls, x: Interval, y: Interval, z: Interval, resolution: float) -> Roi:
         """Return the ROI of whole voxels that is nearest to these sides. Raises as `Roi`."""
-        return cls(*(_nearest(*side, resolution) for side in (x, y, z)), resolution)
+        x, y, z = (_nearest(*side, resolution) for side in (x, y, z))
+        return cls(x, y, z, resolution)
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -4,14 +4,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter
+from pydantic import Field
 
 from lidarplace.configuration.mounting import KeepOuts, PlaceSettings, carrier_of
 from lidarplace.configuration.placement import PlacementSettings
-from lidarplace.configuration.settings import validated
+from lidarplace.configuration.settings import Settings, validated
 from lidarplace.configuration.vehicle import OwnVehicle
 
 _OF_SEARCHES = ("search", "robustness", "verify", "placement", "placements")
+
+
+class _Carrier(Settings):
+    """Vehicle of a search."""
+
+    vehicle: OwnVehicle = None
+    keep_out: KeepOuts = Field(default={})
 
 
 def is_answer(raw: Any) -> bool:
@@ -52,14 +59,16 @@ def as_sweep(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return an answer as a sweep of its rig alone.
 
     Raises InputError: its vehicle or a keep-out is wrong."""
-    search, field = raw["search"], OwnVehicle
-    keep_out = validated(KeepOuts, search.get("keep_out") or {}, f"{path}: search.keep_out")  # type: ignore[arg-type]
-    body = validated(field, search.get("vehicle"), f"{path}: search.vehicle", path.parent)  # type: ignore[arg-type]
+    search = raw["search"]
+    carried = validated(
+        _Carrier,
+        {key: search[key] for key in _Carrier.model_fields if key in search},
+        f"{path}: search",
+        path.parent,
+    )
     sweep = {key: value for key, value in _rest(raw).items() if key not in _OF_SEARCHES}
-    if (vehicle := carrier_of(body, keep_out)) is not None:
-        sweep["vehicle"] = TypeAdapter(OwnVehicle).dump_python(
-            vehicle, mode="json", exclude_unset=True
-        )
+    if (vehicle := carrier_of(carried.vehicle, carried.keep_out)) is not None:
+        sweep["vehicle"] = vehicle.model_dump(mode="json", exclude_unset=True)
     if search.get("requirements"):
         sweep["requirements"] = search["requirements"]
     errors = {"offset": 0.01, "angle_deg": 0.5}  # the default of searches

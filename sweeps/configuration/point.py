@@ -324,7 +324,9 @@ class Point(Settings):
             try:
                 Roi(*sides)
             except InputError as error:
-                raise InputError(**vars(error) | {"fix": f"{error.fix}; or set roi.fit: nearest"})
+                raise InputError(
+                    **vars(error) | {"fix": f"{error.fix}; or set roi.fit: nearest"}
+                ) from None
             return
         roi = Roi.nearest(*sides)
         nearest = {axis: getattr(roi, axis) for axis in "xyz"}

@@ -1,6 +1,7 @@
 """The configuration of a search, read, validated and prepared."""
 
 import hashlib
+import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from lidarplace.base.metrics import METRICS
 from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
+from lidarplace.configuration.placement import MountSettings
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.vehicle import zone_in_body
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
@@ -404,14 +406,33 @@ def _check_pretrained(problem: SearchProblem) -> None:
 
 
 def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Assignment]:
-    """Assign a placement to the slots; its LiDARs are of the first model of their zones."""
-    settings = file.placements.get(name)  # a search knows models by name alone
-    if settings and (settings.recorded or any(mount.lidar for mount in settings.mounts)):
-        own_lidars, fix = f"{name}: its mounts have LiDARs of their own", "give one of `lidar`"
-        raise InputError(own_lidars, key="search.start", fix=fix)
+    """Assign a placement to the slots; LiDARs without a model get the first of their zones."""
+    settings = file.placements.get(name)
     with at(key=f"search.start: {name}"):
-        lidars = [MountedLidar("", "", mount) for mount in rigs.of(file, name).mounts]
+        if settings is not None and settings.recorded:
+            raise InputError("has recorded LiDARs", fix="give it mounts")
+        written = settings.mounts if settings is not None else ()
+        mounts = itertools.zip_longest(rigs.of(file, name).mounts, written)
+        fixed = {(lidar.mount.x, lidar.mount.y, lidar.mount.z) for lidar in space.fixed}
+        lidars = [
+            MountedLidar("" if own is None else _model_of(file, number, own), "", mount)
+            for number, (mount, own) in enumerate(mounts, start=1)
+            if (mount.x, mount.y, mount.z) not in fixed
+        ]
         return assign_to_slots(space, lidars)
+
+
+def _model_of(file: SearchFile, number: int, mount: MountSettings) -> str:
+    """Return the name of the model that a mount has; "" for a mount without a LiDAR."""
+    if mount.lidar is None:
+        return ""
+    models = {name: model.lidar() for name, model in file.search.models.items()}
+    models = models or {OWN_MODEL: file.lidar.lidar()}
+    name = next((name for name, model in models.items() if model == mount.lidar.lidar()), None)
+    if name is None:
+        problem = f"LiDAR {number} is none of search.models"
+        raise InputError(problem, expected=f"one of {', '.join(models)}")
+    return name
 
 
 def _without_paths(value: Any) -> Any:

@@ -8,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel
 
 from lidarplace import Lidar
@@ -17,13 +16,18 @@ from lidarplace.configuration.mounting import carrier_of
 from lidarplace.configuration.placement import MountSettings, SweptPlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.vehicle import VehicleSettings
-from sweeps.configuration.file import ConfigError, check, put
+from lidarplace.rig_files.mounts_yaml import as_written
+from sweeps.configuration.file import ConfigError, check, public_yaml, put
 from sweeps.configuration.grid import GridPoint, Sweep
 from sweeps.configuration.point import Point
 from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.search import SearchFile
 from sweeps.search.problem.rig import MountedLidar, Rig, placement_of
 
+_ABOUT = """\
+# A rig, and the search that chose it. lidarplace requirements, studio, run, search, cheapest, view
+# and rig read this file as it is.
+"""
 _OWN = ("search", "robustness", "verify", "placement")
 
 
@@ -50,15 +54,17 @@ class SearchConfig:
         return SweptPlacementSettings.model_validate({k: v for k, v in settings.items() if v})
 
     def placement_text(self, rig: Rig) -> str:
-        """Write a rig as a file for `lidarplace view` and others, metres and radians."""
+        """Write a rig with its search as a file that all commands read, metres and radians.
+
+        LiDARs of the catalogue have their name alone."""
         settings = as_plain(self.placement_settings(rig))
         # Read by itself, the file has to say what the key `lidar` says here.
         lidar = self.file.lidar.model_dump(
-            mode="json", exclude_unset=True, include=set(SensorSettings.model_fields)
+            exclude_unset=True, include={*SensorSettings.model_fields}
         )
         for mount in settings["mounts"]:
-            mount.setdefault("lidar", deepcopy(lidar))  # one object would become a YAML anchor
-        return yaml.safe_dump(settings, sort_keys=False)
+            mount["lidar"] = as_written(SensorSettings.model_validate(mount.get("lidar", lidar)))
+        return _ABOUT + public_yaml(settings | dict(self.source))
 
     def _mounted(self, lidar: MountedLidar) -> MountSettings:
         pose = {key: value for key, value in asdict(lidar.mount).items() if key in "xyz" or value}
@@ -108,6 +114,8 @@ class SearchConfig:
         source, file = self.source, self.file
         config = {key: deepcopy(value) for key, value in source.items() if key not in _OWN}
         placements = {name: as_plain(self.placement_settings(rig)) for name, rig in rigs.items()}
+        if not file.needs_voxels:  # a sweep does
+            config["roi"] = file.roi.model_dump(mode="json", include={"x", "y", "z"})
         config["placements"] = config.get("placements", {}) | placements
         if self.vehicle is not None:
             config["vehicle"] = as_plain(self.vehicle)
