@@ -1,0 +1,91 @@
+"""One file goes all the way: the answer of `cheapest` is read by every command as it is."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from lidarplace.studio.rigs_file import read_rigs
+from sweeps.command_line import app
+from sweeps.commands.init import VEHICLES
+from sweeps.search.problem.problem import read_problem
+
+SEARCH = yaml.safe_load("""
+scene: {seed: 1, routes: 2, test_routes: 1, frames_per_route: 8, frame_stride: 10}
+roi: {x: [-15, 15], y: [-15, 15], z: [0, 4]}
+surrogate: {resolution: 0.7}
+classes: [Pedestrian]
+search:
+  vehicle: [[[-2.5, -1, 0], [2.5, 1, 2.6]]]
+  models: {small: {name: vlp16, price: 4}, dome: {name: bpearl, price: 3}}
+  keep_out: {hatch: {x: [-0.4, 0.4], y: [-0.4, 0.4], z: [2.6, 2.9]}}
+  lidars: [1, 2]
+  zones: {front: {x: 2.6, y: [-0.9, 0.9], z: 0.8, models: [dome]}}
+  objective: [margin, price]
+  requirements:
+    - {name: ahead, where: {x: [3.5, 5], y: [-1, 1]}, what: Pedestrian, at_least: {points: 20}}
+  greedy: {position_step: 0.9, angle_step_deg: 20}
+  cheapest: {by: price, seconds: 20}
+""")
+
+
+def run(*words):
+    result = CliRunner().invoke(app, [*words])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def answer(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("chain")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        Path("my.yaml").write_text(yaml.safe_dump(SEARCH))
+        run("cheapest", "my.yaml")
+        yield folder / "runs/my/cheapest/placement.yaml"
+
+
+def test_every_command_reads_the_answer(answer):
+    (outcome,) = json.loads(run("requirements", str(answer), "--json"))["outcomes"]
+    assert (outcome["rig"], outcome["met"]) == ("placement", True)
+    file = read_rigs(answer)
+    assert [rig.name for rig in file.rigs] == ["placement"]
+    assert file.settings.prices == {"vlp16": 4, "bpearl": 3}
+    assert [zone.name for zone in file.zones] == ["front"]
+    assert file.vehicle.boxes.tolist() == SEARCH["search"]["vehicle"]
+    plan = run("run", str(answer), "--dry-run")
+    assert "ahead" in plan
+    run("rig", str(answer), "objects.json", "--format", "carla")
+    again = read_problem(answer)
+    (placed, *_) = again.start["placement"]
+    assert placed.lidar.model == "dome"
+    assert "price 3" in run("cheapest", str(answer))
+
+
+def test_a_start_of_another_model_is_refused(answer):
+    content = yaml.safe_load(answer.read_text())
+    content["mounts"][0]["lidar"] = "mid70"
+    answer.with_name("other.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(ValueError, match=r"start: other: LiDAR 1 is none of search.models; exp"):
+        read_problem(answer.with_name("other.yaml"))
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_starts_for_vehicles(vehicle, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert f"my_{vehicle}.yaml" in run("init", ".", "--vehicle", vehicle)
+    assert "least price" in run("cheapest", f"my_{vehicle}.yaml", "--dry-run")
+    run("search", f"my_{vehicle}.yaml", "--dry-run")
+
+
+def test_roi_that_does_not_divide(tmp_path):
+    """Nothing is asked where only margin and price count; else the nearest one is offered."""
+    path = tmp_path / "my.yaml"
+    path.write_text(yaml.safe_dump(SEARCH))
+    assert read_problem(path).file.roi.x == (-15.05, 15.05)
+    with pytest.raises(ValueError, match=r"the nearest is \[-15.05, 15.05\].*set roi.fit: nearest"):
+        read_problem(path, ["search.objective=expected_ig"])
+    changes = ["search.objective=expected_ig", "roi.fit=nearest"]
+    assert read_problem(path, changes).file.roi.x == (-15.05, 15.05)
