@@ -47,7 +47,7 @@ def next_steps(run: SearchFolder) -> list[Command]:
     few = _few_seeds(run)
     if not few or "pretrained" in run.search.first.name.split("."):  # of which there is one
         return [*run.search.commands]
-    step = "too little is known to choose a rig: judge with more generalists"
+    step = "not enough evidence to choose a rig: evaluate with more generalists"
     return [Command(what=step, line=remedy(run.search.command, few)), *run.search.commands]
 
 
