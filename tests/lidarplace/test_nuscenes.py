@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from lidarplace.base.errors import InputError
 from lidarplace.logs.box_log import read_box_log, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, POSE_COLUMNS, check_boxes
+from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.datasets.class_maps import IGNORE, NUSCENES, named_class_map
 from lidarplace.scenes.datasets.nuscenes import ORIGIN, read_nuscenes
+from tests.lidarplace import nuscenes_layout
 from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
 
 AHEAD = 1.294  # half the wheelbase of a Renault Zoe
@@ -164,3 +167,24 @@ def test_versions(tmp_path):
     assert len(read_nuscenes(tmp_path).frames) == 4
     write_nuscenes(tmp_path / "v1.0-trainval", town(4), CATEGORIES)
     assert len(read_nuscenes(tmp_path, version="v1.0-trainval").frames) == 8
+
+
+def test_tables_of_another_vehicle_with_two_lidars(tmp_path, monkeypatch):
+    """Lyft's have three channels, and a vehicle with an origin of its own."""
+    channels = {**nuscenes_layout.CHANNELS, "LIDAR_FRONT_LEFT": "lidar"}
+    monkeypatch.setattr(nuscenes_layout, "CHANNELS", channels)
+    folder = write_nuscenes(tmp_path / "v1.0-train", town(2), CATEGORIES)
+    rig = ("LIDAR_TOP", "LIDAR_FRONT_LEFT")
+    log = read_nuscenes(folder, lidar=Lidar.named("vlp16"), origin=(0.5, 0.0, -0.3))
+    assert [each.names for each in log.rigs.values()] == [rig, rig]
+    for mount in log.rigs["scene-0001"].placement.mounts:
+        np.testing.assert_allclose(mount.position, [0.443713, 0, 2.14023], atol=1e-12)
+    np.testing.assert_allclose(log.boxes[["x", "z"]], [[8.5, 1.3]] * 2, atol=1e-12)
+    alone = read_nuscenes(folder, channels=["LIDAR_TOP"])
+    assert alone.rigs["scene-0000"].names == rig[:1]
+    for message, keys in (
+        ("unknown model of LIDAR_TOP, LIDAR_FRONT_LEFT; name it by --lidar", {}),
+        ("--channel: no LiDAR 'CAM_FRONT'; expected one of LIDAR_FR", {"channels": ["CAM_FRONT"]}),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_nuscenes(folder, **keys)
