@@ -1,5 +1,6 @@
 """nuScenes: tables in the public layout, poses by hand and by matrices, errors that name a row."""
 
+import json
 import math
 from collections import Counter
 
@@ -174,11 +175,18 @@ def test_tables_of_another_vehicle_with_two_lidars(tmp_path, monkeypatch):
     channels = {**nuscenes_layout.CHANNELS, "LIDAR_FRONT_LEFT": "lidar"}
     monkeypatch.setattr(nuscenes_layout, "CHANNELS", channels)
     folder = write_nuscenes(tmp_path / "v1.0-train", town(2), CATEGORIES)
+    table = folder / "calibrated_sensor.json"
+    rows = json.loads(table.read_text())
+    sensors = json.loads((folder / "sensor.json").read_text())
+    (left,) = [each["token"] for each in sensors if each["channel"] == "LIDAR_FRONT_LEFT"]
+    for row in rows:
+        row["translation"][2] -= 1.0 * (row["sensor_token"] == left)
+    table.write_text(json.dumps(rows))
     rig = ("LIDAR_TOP", "LIDAR_FRONT_LEFT")
     log = read_nuscenes(folder, lidar=Lidar.named("vlp16"), origin=(0.5, 0.0, -0.3))
     assert [each.names for each in log.rigs.values()] == [rig, rig]
-    for mount in log.rigs["scene-0001"].placement.mounts:
-        np.testing.assert_allclose(mount.position, [0.443713, 0, 2.14023], atol=1e-12)
+    for mount, z in zip(log.rigs["scene-0001"].placement.mounts, (2.14023, 1.14023), strict=True):
+        np.testing.assert_allclose(mount.position, [0.443713, 0, z], atol=1e-12)
     np.testing.assert_allclose(log.boxes[["x", "z"]], [[8.5, 1.3]] * 2, atol=1e-12)
     alone = read_nuscenes(folder, channels=["LIDAR_TOP"])
     assert alone.rigs["scene-0000"].names == rig[:1]
