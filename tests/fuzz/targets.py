@@ -231,8 +231,12 @@ DATA: tuple[Target, ...] = (
             ("ros2", ".launch.xml", ".launch.xml"),
             ("carla", ".json", ".json"),
             ("osi", ".json", ".json"),
-            ("autoware", "", ""),
+            ("autoware", "sensors_calibration.yaml", "sensors_calibration.yaml"),
         )
+    ),
+    *(
+        Target(f"sensors import {name}", f"makers/{name}", f"sensors import makers/{name}")
+        for name in ("os0.json", "xt32.csv", "vlp4db.yaml", "hdl3.xml")
     ),
     Target("compressed cloud", "cloud.pcd", read=partial(_read, CLOUD_READER, "cloud.pcd")),
     Target("KITTI clouds", "kitti/training/velodyne/*.bin", read=_kitti_clouds),

@@ -141,6 +141,7 @@ def write_world(folder: Path) -> None:
     _tables(folder)
     _labels(folder / "labels")
     _json_frames(folder / "frames")
+    shutil.copytree(MAPS.parent / "makers", folder / "makers")
     _kitti(folder / "kitti")
     write_data_sets(folder, "nuscenes", "av2", both=False)
     _clouds(folder)
