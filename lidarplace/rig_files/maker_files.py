@@ -137,16 +137,13 @@ def _velodyne_yaml(path: Path) -> MakerFile:
     if not isinstance(lasers, list) or not all(isinstance(laser, dict) for laser in lasers):
         found = ", ".join(map(str, content)) if isinstance(content, dict) else "no mapping"
         raise InputError(place=path, key="lasers", expected="a list of lasers", found=found[:100])
-    names = ("vert_correction", "rot_correction", "vert_offset_correction")
-    columns = [
-        _numbers([laser.get(name, 0.0 if n else None) for laser in lasers], path, name)
-        for n, name in enumerate(names)
-    ]
-    sideways = _numbers(
-        [each.get("horiz_offset_correction", 0.0) for each in lasers], path, "horiz"
+    up, aside, offsets, sideways = (
+        _numbers(
+            [laser.get(f"{key}_correction", default) for laser in lasers], path, f"{key}_correction"
+        )
+        for key, default in _VELODYNE
     )
-    up, aside = np.degrees(columns[0]), np.degrees(columns[1])
-    return _made(up, aside, path, columns[2], left_out=_sideways(sideways))
+    return _made(np.degrees(up), np.degrees(aside), path, offsets, left_out=_sideways(sideways))
 
 
 def _sideways(metres: NDArray[np.float64]) -> tuple[str, ...]:
