@@ -321,7 +321,7 @@ def _propose(source: Path, path: Path) -> None:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        wrong(f"{path}: is there already, and is not overwritten; name another file")
+        wrong(f"{path}: exists, and is not overwritten; name another file")
     except (ValueError, OSError) as error:
         wrong(error)
     say(path)

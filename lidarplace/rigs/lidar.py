@@ -127,7 +127,7 @@ class Lidar:
             if not possible:
                 raise InputError(key=key, expected=expected, found=getattr(self, key))
         if self.falloff == 0 and (self.extinction > 0 or self.window < 1):
-            wrong = "equals range_10, so nobody knows the range where light is lost"
+            wrong = "equals range_10, so the range at which light is lost is unknown"
             raise InputError(wrong, key="range_80", found=self.range_80)
         if self.size is not None:
             object.__setattr__(self, "size", tuple(map(float, self.size)))
