@@ -55,7 +55,9 @@ VERBS = {
     ),
     "report": Verb("tracking.report.command", "Write the report of a sweep again."),
     "figures": Verb(
-        "tracking.paper.command", "Write figures of a sweep as files for a paper.", "sweeps"
+        "tracking.report.figures_command",
+        "Write figures of a sweep as files for a paper.",
+        "sweeps",
     ),
     "search-report": Verb("tracking.search_report.command", "Write the report of a search again."),
     "dashboard": Verb("tracking.dashboard", "Open MLflow with the runs of sweeps.", "sweeps"),

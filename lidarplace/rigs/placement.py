@@ -38,9 +38,9 @@ class Mount:
     yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(value) for value in astuple(self)):
-            expected = "finite coordinates and angles"
-            raise InputError(key="mount", expected=expected, found=astuple(self))
+        values = (self.x, self.y, self.z, self.roll, self.pitch, self.yaw)
+        if not all(map(math.isfinite, values)):
+            raise InputError(key="mount", expected="finite coordinates and angles", found=values)
         for name in _POSE:
             value = float(getattr(self, name))
             if name not in "xyz":

@@ -35,7 +35,7 @@ LINES = {
     "clean": right("clean sweep.yaml", codes=(0, 1), needs="runs"),
     "doctor": right("doctor sweep.yaml", codes=(0, 1)),
     "report": right("report run", stops_at="tracking.report.build.build_report"),
-    "figures": right("figures run", stops_at="tracking.paper.figures.write_figures"),
+    "figures": right("figures run", stops_at="tracking.report.paper_figures.write_figures"),
     "search-report": right(
         "search-report found", stops_at="tracking.search_report.build.build_search_report"
     ),

@@ -202,6 +202,8 @@ DATA: tuple[Target, ...] = (
                 *("table --mapping of Parquet", "labels/labels.parquet"),
                 f"table labels/labels.parquet {MAPPED}",
             ),
+            ("table of JSON", "frames/*.json", "table frames out --mapping frames/map.yaml"),
+            ("table of JSON lines", "labels/labels.jsonl", f"table labels/labels.jsonl {MAPPED}"),
             ("kitti", KITTI, "kitti kitti out"),
             ("kitti --skip-bad", KITTI, "kitti kitti out --skip-bad"),
             ("nuscenes", "nuscenes/*.json", "nuscenes nuscenes out"),

@@ -41,11 +41,11 @@ def test_motion_shows_the_unit_of_yaw(poses, straight):
         assert small.abs().max() < math.pi
         assert list(implausible_units(with_yaw(log, small))) == []
     (value,) = implausible_motion(with_yaw(log, small))
-    assert value.remedy == "units.angle: deg"
+    assert value.remedy == "units.angle (yaw in deg)"
     assert not value.rows[log.boxes["class"] == "Pedestrian"].any()
     if not straight:
         (value,) = implausible_motion(with_yaw(log, np.radians(yaw)))
-        assert value.remedy == "units.angle: rad"
+        assert value.remedy == "units.angle (yaw in rad)"
 
 
 @settings(max_examples=10)

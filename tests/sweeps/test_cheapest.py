@@ -87,6 +87,7 @@ def drawn(seed, by):
         if "left" in zones:
             zones["left"]["mirrored"] = bool(random.random() < 0.7)
         next(iter(zones.values()))["lidars"] = [1, 2]
+        del keys["lidars"]
     constraints = {"distance": one_of(0.0, 0.2, 0.9)}
     for name, limit, share in (("price", 9, 0.3), ("body_share", 0.45, 0.3), ("facing", 0, 0.2)):
         if random.random() < share:
@@ -120,9 +121,12 @@ def least_of_all(problem):
         for parts in itertools.combinations(candidates, size):
             lidars = [lidar for rig in parts for lidar in rig]
             zones = [rig[0].zone for rig in parts]
-            counts = {n: zone.lidars for n, zone in search.zones.items() if zone.lidars is not None}
+            models = [lidar.model for lidar in lidars]
+            counts = {n: (zone.lidars, zones) for n, zone in search.zones.items() if zone.lidars}
+            counts |= {n: (m.count, models) for n, m in search.models.items() if m.count}
             if not low <= len(lidars) <= high or not all(
-                least <= zones.count(name) <= most for name, (least, most) in counts.items()
+                least <= names.count(name) <= most
+                for name, ((least, most), names) in counts.items()
             ):
                 continue
             rig = ordered([*fixed, *lidars])
@@ -155,6 +159,35 @@ def test_it_is_the_cheapest_of_all_rigs(tmp_path, monkeypatch, seed, by, by_cuts
         assert cost_of(chosen.rig, problem) == pytest.approx(chosen.cost)
     else:
         assert chosen.bound == math.inf
+
+
+COUNTS = yaml.safe_load("""
+- {lidars: 3, models: {wide: [0, 1], flash: [1, 2], lossy: [1, 1]}}
+- {lidars: [2, 4], models: {flash: 2}, zones: {left: [1, 1]}}
+- {lidars: [2, 3], models: {wide: [0, 1], flash: [0, 1]}, zones: {nose: [0, 1], left: [0, 1]}}
+- {lidars: 4, models: {wide: 3}}
+""")
+
+
+@pytest.mark.parametrize("counts", COUNTS)
+@pytest.mark.parametrize("by", ["lidars", "price"])
+def test_bounds_in_all_by_zone_and_by_model_are_kept(tmp_path, counts, by):
+    zones = {name: dict(zone) for name, zone in ZONES.items()}
+    zones["left"] |= {"mirrored": True, "models": {"flash": {"pitch_deg": 40}, "wide": {}}}
+    for name, bound in counts.get("zones", {}).items():
+        zones[name]["lidars"] = bound
+    models = {name: dict(model) for name, model in MODELS.items()}
+    for name, bound in counts["models"].items():
+        models[name]["count"] = bound
+    settings = {"cheapest": {"by": by}, "greedy": {"position_step": 0.7, "refine": 0}}
+    keys = SMALL | settings | {"zones": zones, "models": models, "lidars": counts["lidars"]}
+    problem = read_problem(write_search(tmp_path, search=keys | {"requirements": [ONE]}))
+    chosen = cheapest(problem)
+    assert (chosen.gap, chosen.fewest) == (0, len(chosen.rig))
+    assert (chosen.cost, chosen.fewest) == pytest.approx(least_of_all(problem))
+    for lidar in chosen.rig:
+        steep = (lidar.zone, lidar.model) == ("left", "flash")
+        assert math.degrees(lidar.mount.pitch) == pytest.approx(40 if steep else 0, abs=0.01)
 
 
 EASY = {"name": "somebody ahead", "where": {"x": [3, 5], "y": [-1, 1]}, "what": "Pedestrian"}
@@ -262,7 +295,10 @@ def test_refinement_ends_in_time(tmp_path, monkeypatch):
 
 
 def test_the_file_of_a_rig_names_the_models_of_the_catalogue(tmp_path):
-    models = {"front": {"name": "bpearl", "price": 3}, "bent": {"name": "xt32", "range": 50}}
+    models = {
+        "front": {"name": "bpearl", "price": 3},
+        "bent": {"name": "xt32", "range": 50, "price": 6},
+    }
     path = write_search(tmp_path, search=SMALL | {"models": models}, lidar="vlp16")
     problem = read_problem(path)
     lidars = [MountedLidar(name, "nose", Mount(2.45, y, 0.6)) for y, name in enumerate(models)]

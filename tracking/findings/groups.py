@@ -82,7 +82,7 @@ def studied(run: RunFolder, table: pd.DataFrame) -> list[str]:
     few = ", ".join(names[:MOST_NAMES]) + (" …" if len(names) > MOST_NAMES else "")
     return [
         f"Worked out for {len(names):,} of {len(run.placements):,} placements: {few}. "
-        "surrogate.studied_placements says of how many."
+        "The key surrogate.studied_placements sets how many."
     ]
 
 

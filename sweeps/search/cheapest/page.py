@@ -22,7 +22,7 @@ from tracking.pages.section import Section, Table
 from tracking.run_folders.arrays import Grounds
 from tracking.run_folders.search_json import Command
 from tracking.search_report.build import PAGE
-from tracking.search_report.headline import Card
+from tracking.search_report.headline import Card, pairs_sentence
 
 
 def write_cheapest_page(answer: CheapestAnswer, folder: Path) -> Path:
@@ -54,6 +54,8 @@ def _card(answer: CheapestAnswer) -> Card:
         lines += [_lacks(answer)] if answer.listed else ["No candidate keeps the constraints."]
         return Card("Result", "No rig passes", tuple(lines))
     lines.append(f"{_models(answer.rig)}.")
+    if answer.mirrored:
+        lines.append(pairs_sentence(answer.mirrored))
     if len(answer.worst):
         first = answer.worst.iloc[0]
         lines.append(

@@ -12,7 +12,8 @@ from sweeps.search.greedy.refine import neighbours
 from sweeps.search.problem.constraints import requirement_name
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import MountedLidar, Rig
-from sweeps.search.problem.space import Assignment, rig_of
+from sweeps.search.problem.slots import Assignment
+from sweeps.search.problem.space import broken_count, rig_of
 from tracking.labels import digits
 
 _HOPELESS = 0.5
@@ -122,8 +123,8 @@ def _needed_for(
             return text + _worst(rig_check)
     if not together:
         return "search.fixed"
-    if slots_of(rest, problem) is None:
-        return f"search.zones.{lidar.zone}.lidars" if search.counted else "search.lidars"
+    if broken := broken_count(problem.space, rest):
+        return f"search.{broken[0].key}"
     least = search.cheapest.recall
     if recall is not None and least is not None and (recall_value := recall(rest)) < least:
         return f"{search.objective[0].name} {recall_value:.1f}"

@@ -15,10 +15,12 @@ from lidarplace.requirements.tables import case_table, worst_cases
 from sweeps.search.cheapest.cheapest_rig import CheapestResult, Recall
 from sweeps.search.cheapest.polish import needed_for
 from sweeps.search.cheapest.rig_check import RigCheck, check_rig, cost_of
+from sweeps.search.greedy.certificate import slots_of
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig
 from tracking.labels import digits
 from tracking.pages.requirements import verdict_table
+from tracking.search_report.headline import pairs_sentence
 
 FILE = "cheapest.html"
 """Name of the page."""
@@ -91,6 +93,12 @@ class CheapestAnswer:
         names = [c.name for c in self.check.broken] if self.listed else []
         return [name for name in names if not name.startswith("requirement.")]
 
+    @property
+    def mirrored(self) -> list[str]:
+        """Zones of the listed rig's mirrored pairs."""
+        places = slots_of(self.listed, self.problem) or ()
+        return sorted({place.lidar.zone for place in places if place.slot.pair})
+
     def lidar_rows(self) -> tuple[list[str], list[list[str]]]:
         """Return the head and the rows of the table of LiDARs, with why the rig needs each."""
         rows = []
@@ -157,6 +165,8 @@ def print_answer(console: Console, answer: CheapestAnswer, folder: Path) -> None
     if answer.listed:
         head, rows = answer.lidar_rows()
         console.print(table("LiDARs", head, rows, words={"zone", WHY}))
+    if answer.mirrored:
+        console.print(pairs_sentence(answer.mirrored), soft_wrap=True)
     if len(answer.worst):
         binding = verdict_table(answer.worst, [])
         words = {binding.head[i] for i in binding.words}
@@ -173,7 +183,7 @@ def print_answer(console: Console, answer: CheapestAnswer, folder: Path) -> None
 
 
 def write_answer(answer: CheapestAnswer) -> Path:
-    """Write `placement.yaml`, if there is a rig, `cheapest.json` and the page.
+    """Write `placement.yaml`, if there is a rig, and `cheapest.json`.
 
     Returns their folder."""
     folder = answer.problem.folder / "cheapest"
@@ -201,6 +211,7 @@ def as_json(answer: CheapestAnswer) -> dict[str, object]:
         **{k: None if v is None or not math.isfinite(v) else v for k, v in numbers.items()},
         "lidars": [asdict(lidar) for lidar in answer.listed],
         "without_it_fails": answer.needed_for if rig is not None else [],
+        "mirrored": answer.mirrored,
         "margin": None if check is None or math.isinf(check.margin) else check.margin,
         "broken": [] if check is None else [c.name for c in check.broken],
         "cases": [] if cases is None else json.loads(cases.to_json(orient="records")),

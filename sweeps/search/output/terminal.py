@@ -7,6 +7,7 @@ from typing import Any
 from rich.console import Console
 
 from lidarplace.command_line.terminal import print_warnings, table
+from lidarplace.mounting.counts import CountBound
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
@@ -22,7 +23,7 @@ from sweeps.search.verification.winners import AssessedRig, SearchFindings
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
-from tracking.search_report.headline import answer, format_value, next_steps
+from tracking.search_report.headline import answer, format_value, next_steps, pairs_sentence
 
 _TO_THE_LETTER = (
     "objective {name}: entropies are not negative, so every LiDAR lowers it, and it is highest for "
@@ -91,6 +92,10 @@ def print_problem(console: Console, problem: SearchProblem) -> None:
         f"{problem.file.name}: {number} LiDARs in {', '.join(settings.zones)}, "
         f"{parameters} parameters; {wanted}"
     )
+    if counts := [*map(_count_text, space.bounds[:-1])]:
+        console.print(f"counts: {', '.join(counts)}", soft_wrap=True)
+    if pairs := [name for name, z in settings.zones.items() if z.mirrored or settings.symmetric]:
+        console.print(pairs_sentence(pairs), soft_wrap=True)
     if over := settings.said_of(problem.traffic.search):
         console.print(f"evaluated by {over}")
     for zone in space.zones:
@@ -111,6 +116,15 @@ def print_problem(console: Console, problem: SearchProblem) -> None:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
 
 
+def _count_text(bound: CountBound) -> str:
+    numbers = " to ".join(map(str, dict.fromkeys((bound.low, bound.high))))
+    return (
+        f"{numbers} {'pairs ' * (bound.size > 1)}in {bound.zone}"
+        if bound.zone
+        else (f"{numbers} {bound.model}")
+    )
+
+
 def planned(problem: SearchProblem) -> dict[str, Any]:
     """Return the plan of a search: parameters, objectives, constraints and sampler."""
     settings, space = problem.file.search, problem.space
@@ -118,6 +132,7 @@ def planned(problem: SearchProblem) -> dict[str, Any]:
         "name": problem.file.name,
         "lidars": list(space.numbers),
         "zones": list(settings.zones),
+        "counts": {bound.key: [bound.low, bound.high] for bound in space.bounds[:-1]},
         "parameters": list(space.distributions(space.all_counts[-1])),
         "objectives": [{"name": o.name, "best": o.best} for o in settings.objective],
         "judged_on": list(map(dict, problem.tests.search)) if problem.uses_generalist else [],

@@ -65,8 +65,10 @@ def _section(title: str, analysis: Analysis, ranked: Sequence[_Ranked]) -> Secti
 def _notes(ranked: Sequence[_Ranked]) -> Iterator[str]:
     """Say what the intervals include."""
     more = max(len(best.sure) for *_, best in ranked) - MOST_DRAWN
-    drawn = f" The best {MOST_DRAWN} are drawn." if more > 0 else ""
-    if any(best.sample for *_, best in ranked):
+    drawn = f" The figure has the best {MOST_DRAWN}." if more > 0 else ""
+    if all(best.sure.isna().all() for *_, best in ranked):
+        yield f"One seed: the spread over seeds is unknown, so there are no intervals.{drawn}"
+    elif any(best.sample for *_, best in ranked):
         yield (
             "Means over seeds. Bars are 95 % intervals for a comparison: all placements met the "
             f"same test objects.{drawn}"
