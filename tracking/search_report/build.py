@@ -8,6 +8,7 @@ import numpy as np
 
 from lidarplace.requirements.tables import worst_cases
 from tracking.figures import of_searches
+from tracking.figures.kit.grounds import ground_note, with_grounds
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.labels import DASH, digits, number
 from tracking.pages.html_page import write_page
@@ -105,10 +106,10 @@ def _picture(run: SearchFolder) -> Section:
     pictured = {
         name: PicturedRig.in_zones(rig.placed, rig.models, rig.zones) for name, rig in menu.items()
     }
+    pictured = with_grounds(pictured, run.path, run.search.classes)
+    notes = [f"The menu has {named}. {AXES_AND_POSTS}", ground_note(pictured)]
     picture = rig_picture(pictured, run.search.body, run.search.zones)
-    return Section(
-        "The rigs", [f"The menu has {named}. {AXES_AND_POSTS}"], [picture], place="picture"
-    )
+    return Section("The rigs", [*filter(None, notes)], [picture], place="picture")
 
 
 def _unseen(run: SearchFolder) -> Section | None:

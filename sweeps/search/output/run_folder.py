@@ -25,6 +25,7 @@ from sweeps.configuration.file import public_yaml
 from sweeps.configuration.objective import ObjectiveSettings
 from sweeps.configuration.requirements_file import check_rig_fits
 from sweeps.results.pictures import uncovered
+from sweeps.results.rigs import FILE as RIGS
 from sweeps.search.output.tables import greedy_table, importances, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.problem.problem import SearchProblem
@@ -42,7 +43,7 @@ from tracking.run_folders.json_file import Triangles
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
 _OPTIONAL = [table.file for table in contract.TABLES if not table.needed]
 """Files that not every search has."""
-_OPTIONAL += ["placement.yaml", "sweep.yaml", UnseenMaps.FILE, Grounds.FILE]
+_OPTIONAL += ["placement.yaml", "sweep.yaml", RIGS, UnseenMaps.FILE, Grounds.FILE]
 """Files that not every search has."""
 
 
@@ -67,6 +68,8 @@ def write_search(
     if findings.trials:
         write_text(folder / "placement.yaml", problem.placement_text(findings.rigs["found_1"].rig))
         write_text(folder / "sweep.yaml", _sweep(problem, findings))
+        names = (*findings.best, findings.baseline)
+        write_text(folder / RIGS, problem.rigs_text({n: findings.rigs[n].rig for n in names}))
         if findings.grids:
             _maps(problem, findings).write(folder)
     about.write(folder)

@@ -14,16 +14,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.recall_ground import REACH_M, RecallGround
 from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import equal_axes, xyz
-from tracking.figures.kit.style import (
-    OUTLINE,
-    QUIET,
-    SEQUENTIAL,
-    TOLD,
-    add_menu,
-    figure,
-    lidar_markers,
-    text,
-)
+from tracking.figures.kit.style import OUTLINE, QUIET, TOLD, add_menu, figure, lidar_markers, text
 from tracking.figures.kit.vehicle_lines import add_lines, extent_of, posts, vehicle_in_space
 from tracking.run_folders.search_json import Zone
 
@@ -40,6 +31,10 @@ _EYE = np.array([0.72, 0.58, 0.6])
 """Direction from the vehicle to the camera."""
 _LONGEST = 1.9
 """Longest axis of the scene in plotly's units."""
+_GROUND = ((0.0, "#e8a87c"), (0.5, "#f4efe4"), (1.0, "#7fbbe0"))
+"""Colours of the ground: orange where little is found, blue where much is."""
+_INK = "#1d2126"
+"""Colour of text over the ground, which is bright on a dark page, too."""
 _LABELS = 0.055
 """Least distance between numbers of LiDARs, in distances of the camera."""
 
@@ -74,29 +69,6 @@ class PicturedRig:
     def models(self) -> list[str]:
         """Models of the mounts: their words up to the first comma."""
         return [words.partition(",")[0] for words in self.words]
-
-
-def ground_note(rigs: Mapping[str, PicturedRig]) -> str:
-    """Describe the colours of the ground under rigs, and its mean; "" without a ground."""
-    parts, classes = [], set()
-    for name, rig in rigs.items():
-        if (ground := rig.ground) is None:
-            continue
-        classes.add(ground.object_class)
-        parts.append(f"{name} {_percent(ground.built)}")
-        if ground.dead is not None:
-            parts[-1] += f" ({_percent(ground.degraded)} with LiDAR {ground.dead + 1} dead)"
-    if not parts:
-        return ""
-    return (
-        f"Colours of the ground: the chance that a detector finds a single {' or '.join(classes)} "
-        f"there, by the detection curves of the package. Means: {', '.join(parts)}; the dead LiDAR "
-        "is the one that costs most."
-    )
-
-
-def _percent(chances: NDArray[np.float64]) -> str:
-    return f"{100 * np.nanmean(chances):.1f} %"
 
 
 def rig_picture(
@@ -171,9 +143,11 @@ def _colour_bar(rigs: Iterable[PicturedRig]) -> dict[str, Any]:
     maps = [ground.built for ground in grounds] + [ground.degraded for ground in grounds]
     low = min((float(np.nanquantile(values, 0.02)) for values in maps), default=0.0)
     high = max((float(np.nanmax(values)) for values in maps), default=1.0)
-    bar = {"title": {"text": "recall"}, "tickformat": ".0%", "thickness": 10, "len": 0.6, "x": 1}
+    ink = {"font": {"color": _INK}, "text": "recall"}
+    bar = {"title": ink, "tickformat": ".0%", "thickness": 10, "len": 0.6, "x": 1}
+    bar |= {"bgcolor": "rgba(255, 255, 255, 0.7)", "tickfont": {"color": _INK}}
     return {
-        "colorscale": SEQUENTIAL,
+        "colorscale": _GROUND,
         "cmin": np.floor(20 * low) / 20,
         "cmax": np.ceil(20 * high) / 20,
         "colorbar": bar | {"xanchor": "right", "nticks": 6},
@@ -258,10 +232,11 @@ def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None, gap: fl
     places = label_places(at, gap)
     add_lines(plot, _pairs(at, places), OUTLINE, 1, showlegend=False)
     mixed = len(set(models)) > 1
+    ink = {} if rig.ground is None else {"color": _INK}
     numbers = [f"{i} {model}" if mixed else str(i) for i, model in enumerate(models, start=1)]
     if rig.dead is not None:
         numbers[rig.dead] += " dead"
-    style = {"textfont": {"size": 13}, "textposition": "top center"}
+    style = {"textfont": {"size": 13} | ink, "textposition": "top center"}
     plot.add_scatter3d(**xyz(places), mode="text", text=numbers, **style, **QUIET)
 
 
@@ -303,7 +278,8 @@ def label_places(at: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
         if not lacking.any():
             break
         places += ((0.5 * lacking / distance)[:, :, None] * apart).sum(axis=1)
-    return at + (places - at @ axes.T) @ axes
+    placed: NDArray[np.float64] = at + (places - at @ axes.T) @ axes
+    return placed
 
 
 def _pairs(starts: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,19 +1,15 @@
 """Rigs on the vehicle, from above and from the side, all at one scale."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from lidarplace.clouds.own_body import sedan
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.requirements.recall_ground import recall_ground
 from lidarplace.rigs.placement import Mount
-from lidarplace.studio.rigs_file import read_rigs
-from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, ground_note, rig_picture
+from tracking.figures.kit.grounds import ground_note, with_grounds
+from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.figures.kit.style import OUTLINE, QUIET, figure, lidar_colour, symbol, text
 from tracking.figures.kit.vehicle_lines import extent_of, name_of, posts, vehicle_outline
 from tracking.labels import digits
@@ -26,8 +22,6 @@ _LINE = 17  # pixels of a mount's line
 _TITLE = 48
 _AROUND = 0.4  # metres
 _AXIS_LENGTH = 0.7  # metres
-MOST_GROUNDS = 2
-"""Rigs with a coloured ground: the best and the second-best; each takes a second or two."""
 _BODY = "rgba(136, 136, 136, 0.15)"
 Viewed = tuple[str, PicturedRig]
 """Title as plotly text, and the rig with the text behind the pose of every mount."""
@@ -40,28 +34,10 @@ def picture_section(recommended: Recommendation) -> Section:
         name: PicturedRig.of(run.placements[name], [_model_words(m) for m in lidars.get(name, ())])
         for name in recommended.drawn
     }
-    rigs = with_grounds(rigs, run.path / "rigs.yaml", run.sweep.classes)
+    rigs = with_grounds(rigs, run.path, run.sweep.classes)
     notes = [f"The menu changes the rig. {AXES_AND_POSTS}", ground_note(rigs)]
     picture = rig_picture(rigs, run.sweep.body)
     return Section("The rigs", [*filter(None, notes)], [picture], place="picture")
-
-
-def with_grounds(
-    rigs: Mapping[str, PicturedRig], file: Path, classes: Collection[str]
-) -> dict[str, PicturedRig]:
-    """Add the ground to the first `MOST_GROUNDS` rigs, from the file that the studio opens.
-
-    Rigs that it does not have, as in older run folders, stay without one."""
-    if not file.exists():
-        return dict(rigs)
-    read = read_rigs(file)
-    named, pictured = {rig.name: rig for rig in read.rigs}, dict(rigs)
-    for name in [name for name in rigs if name in named][:MOST_GROUNDS]:
-        placement = named[name].placement(read.lidar)
-        if placement is not None:
-            ground = recall_ground(placement, read.carrier or sedan(), classes)
-            pictured[name] = replace(rigs[name], ground=ground)
-    return pictured
 
 
 def rigs_section(recommended: Recommendation) -> Section:
