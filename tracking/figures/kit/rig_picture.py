@@ -278,7 +278,8 @@ def label_places(at: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
         if not lacking.any():
             break
         places += ((0.5 * lacking / distance)[:, :, None] * apart).sum(axis=1)
-    placed: NDArray[np.float64] = at + (places - at @ axes.T) @ axes
+    forward = 3 * gap * _EYE / np.linalg.norm(_EYE)  # the vehicle hides nothing
+    placed: NDArray[np.float64] = at + forward + (places - at @ axes.T) @ axes
     return placed
 
 
