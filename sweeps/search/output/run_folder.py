@@ -111,6 +111,8 @@ def _sweep(problem: SearchProblem, findings: SearchFindings) -> str:
     # A search that began with one of the eight need not train it twice.
     new = [name for name in findings.best if _places(findings.rigs[name].rig) not in places]
     rigs = {name: findings.rigs[name].rig for name in new[:most]}
+    if not paper:
+        rigs[findings.baseline] = findings.rigs[findings.baseline].rig
     others = [name for name in paper if name not in ruled_out]
     return public_yaml(problem.verify_settings(rigs, others))
 
@@ -218,7 +220,7 @@ def _objective(objective: ObjectiveSettings, problem: SearchProblem) -> kinds.Ob
     return kinds.Objective(
         name=objective.name,
         by=objective.by,
-        unit="" if quantity is None else quantity.unit,
+        unit="times the need" if objective.by == "margin" else quantity.unit if quantity else "",
         direction=objective.best,
         weights=weights,
     )
@@ -258,6 +260,8 @@ def _bound(findings: SearchFindings, problem: SearchProblem) -> kinds.Bound:
 def _verification(problem: SearchProblem, findings: SearchFindings) -> str:
     """Describe the sweep of the winners, and which of the paper's rigs it leaves out."""
     left, ruled_out = len(findings.of_role("paper")), _ruled_out(problem, findings)
+    if not left:
+        return f"train detectors for it and for {findings.baseline}"
     left -= len(ruled_out)
     why = "do not fit the vehicle or its requirements"
     if not left:
