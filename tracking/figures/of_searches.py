@@ -29,11 +29,12 @@ def search_history(
     bound: float | None,
     greedy: float | None,
     peers: Mapping[str, float],
+    kind: str = "paper",
 ) -> go.Figure:
     """Draw a mark a trial, the best feasible value so far as a line, peers as level lines.
 
     All values are as the search computes them; `trials` were evaluated and are sorted by number,
-    `peers` has values of the plain rigs or the paper's eight, the best first."""
+    `peers` has values of the rigs to compare with, the best first; `kind` names them."""
     plot = figure(text(objective.name), height=440)
     value = trials[f"value.{objective.name}"].to_numpy(np.float64)
     feasible = trials["feasible"].to_numpy(bool)
@@ -71,9 +72,9 @@ def search_history(
         _level(plot, ends, greedy, "greedy", _GREEDY)
     for i, (name, level) in enumerate(peers.items()):
         if i == 0:
-            _level(plot, ends, level, f"{name}, best of the peers", _PAPER)
+            _level(plot, ends, level, f"{name}, best of the {kind}", _PAPER)
         else:
-            _level(plot, ends, level, "others of the peers", _OTHERS, name, i == 1)
+            _level(plot, ends, level, f"others of the {kind}", _OTHERS, name, i == 1)
     return _finished(plot, "evaluations", objective)
 
 

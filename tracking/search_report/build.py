@@ -149,6 +149,7 @@ def _history(run: SearchFolder) -> Section:
             f"All figures here are as searched, with {rays}; the table of rigs is with all rays."
         )
     peers = {name: rig for name, rig in search.rigs.items() if rig.role in ("plain", "paper")}
+    kind = "plain rigs" if any(rig.role == "plain" for rig in peers.values()) else "paper"
     for objective in search.objectives:
         values = {name: rig.searched_value(objective) for name, rig in peers.items()}
         with_values = [name for name, value in values.items() if not np.isnan(value)]
@@ -157,7 +158,7 @@ def _history(run: SearchFolder) -> Section:
         first_bound = bound if objective is search.first else None
         limits = (first_bound.value, first_bound.greedy) if first_bound else (None, None)
         ranked = {name: values[name] for name in with_values}
-        plot = of_searches.search_history(run.evaluated, objective, *limits, ranked)
+        plot = of_searches.search_history(run.evaluated, objective, *limits, ranked, kind)
         section.figures.append(plot)
     if run.bound is not None and len(run.bound):
         best = search.rigs[search.best[0]].searched_value(search.first) if search.best else None
