@@ -98,8 +98,8 @@ def _picture(run: SearchFolder) -> Section:
         kinds[kind] = {name: rig for name, rig in rigs.items() if rig.role == role}
     menu = {name: rig for kind in kinds.values() for name, rig in kind.items()}
     further = [(name, rig) for name, rig in rigs.items() if name not in menu]
-    kinds["others that were found"] = dict(further[: max(0, MOST_RIGS - len(menu))])
-    menu |= kinds["others that were found"]
+    kinds["others"] = dict(further[: max(0, MOST_RIGS - len(menu))])
+    menu |= kinds["others"]
     if not menu:
         return Section("The rigs", place="picture")
     named = ", ".join(kind for kind, of_kind in kinds.items() if of_kind)
@@ -107,7 +107,7 @@ def _picture(run: SearchFolder) -> Section:
         name: PicturedRig.in_zones(rig.placed, rig.models, rig.zones) for name, rig in menu.items()
     }
     pictured = with_grounds(pictured, run.path, run.search.classes)
-    notes = [f"The menu has {named}. {AXES_AND_POSTS}", ground_note(pictured)]
+    notes = [f"Choose a rig in the menu: {named}. {AXES_AND_POSTS}", ground_note(pictured)]
     picture = rig_picture(pictured, run.search.body, run.search.zones)
     return Section("The rigs", [*filter(None, notes)], [picture], place="picture")
 
@@ -179,7 +179,7 @@ def _pareto(run: SearchFolder) -> Section | None:
         note = f"The front is a single rig, {search.best[0]}: no other is better in {names}."
         return Section("Pareto front", [note])
     notes = [
-        f"{headline.of_front(search)}: none of them is better than another in every objective."
+        f"{headline.of_front(search)}: whoever improves one objective makes another one worse."
     ]
     if search.strided:
         notes.append(f"All values here are as searched, with {search.strided}.")
@@ -213,8 +213,8 @@ def _robustness(run: SearchFolder) -> Section | None:
         return None
     reference = search.baseline or str(rows["rig"].iloc[0])
     note = (
-        f"The same rigs in other cases: the mean over draws, in percent of what {reference} is "
-        "worth as designed, for every rig; the bar ends at the worst draw."
+        "The same rigs in other cases: the mean over draws, in percent of the value of "
+        f"{reference} as designed; the bar ends at the worst draw."
     )
     section = Section("Robustness", [note], columns=1)
     for objective in search.objectives:
@@ -232,8 +232,8 @@ def _chosen(run: SearchFolder) -> Section | None:
     if rows is None or rows.empty or search.baseline is None:
         return None
     note = (
-        "The best rigs of the search and their peers, evaluated again by the generalist: the "
-        "best of many trials is also the luckiest, and here its luck is gone. Differences to "
+        "The best rigs of the search and their peers, evaluated again by the generalist on "
+        "other traffic, because the best of many trials is also the luckiest. Differences to "
         f"{search.baseline} have 95 % intervals that hold for all pairs of rigs at once, over the "
         "routes and individuals of these frames and, where there are several, over generalists."
     )

@@ -279,5 +279,5 @@ def _commands(problem: SearchProblem, findings: SearchFindings) -> list[kinds.Co
             view = command("view", str(scene.folder), "--placement", rig)
             lines["see what it sees in a frame of the log"] = view
     journal = shlex.quote(str(journal_path(folder)))
-    lines["look at all trials in a browser"] = f"optuna-dashboard {journal}"
+    lines["show all trials in a browser"] = f"optuna-dashboard {journal}"
     return [kinds.Command(what=purpose, line=line) for purpose, line in lines.items()]

@@ -35,7 +35,7 @@ def picture_section(recommended: Recommendation) -> Section:
         for name in recommended.drawn
     }
     rigs = with_grounds(rigs, run.path, run.sweep.classes)
-    notes = [f"The menu changes the rig. {AXES_AND_POSTS}", ground_note(rigs)]
+    notes = [f"Choose one of the best rigs in the menu. {AXES_AND_POSTS}", ground_note(rigs)]
     picture = rig_picture(rigs, run.sweep.body)
     return Section("The rigs", [*filter(None, notes)], [picture], place="picture")
 
