@@ -69,6 +69,8 @@ def format_value(objective: Objective, value: float) -> str:
     """Format a value without its unit, with digits that mean something: percent are of a sample."""
     if objective.by == "margin":  # of requirements, in whose units it has no more digits
         return digits(value, "z.3g")
+    if objective.by == "price":
+        return digits(value, ",.6g")
     return digits(value, "z.1f") if objective.unit == "%" else number(value)
 
 

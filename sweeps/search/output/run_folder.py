@@ -275,6 +275,7 @@ def _commands(problem: SearchProblem, findings: SearchFindings) -> list[kinds.Co
     if findings.trials:
         rig = str(folder / "placement.yaml")
         lines[_verification(problem, findings)] = command("run", str(folder / "sweep.yaml"))
+        lines["move LiDARs of these rigs by hand"] = command("studio", str(folder / RIGS))
         if isinstance(scene := problem.file.scene, LogScene):
             view = command("view", str(scene.folder), "--placement", rig)
             lines["see what it sees in a frame of the log"] = view

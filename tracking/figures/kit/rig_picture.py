@@ -229,9 +229,9 @@ def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None, gap: fl
         name=same,
         **TOLD | {"showlegend": same != "LiDAR"},
     )
-    places = label_places(at, gap)
-    add_lines(plot, _pairs(at, places), OUTLINE, 1, showlegend=False)
     mixed = len(set(models)) > 1
+    places = label_places(at, gap, max(map(len, models)) / 2 + 1 if mixed else 1.0)
+    add_lines(plot, _pairs(at, places), OUTLINE, 1, showlegend=False)
     ink = {} if rig.ground is None else {"color": _INK}
     numbers = [f"{i} {model}" if mixed else str(i) for i, model in enumerate(models, start=1)]
     if rig.dead is not None:
@@ -261,15 +261,21 @@ def _add_ground(plot: go.Figure, ground: RecallGround, degraded: bool) -> None:
     )
 
 
-def label_places(at: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
-    """Place numbers above LiDARs at `at`, shape (n, 3), metres.
+def label_places(at: NDArray[np.float64], gap: float, width: float = 1.0) -> NDArray[np.float64]:
+    """Place texts above LiDARs at `at`, shape (n, 3), metres.
 
-    As the camera sees them at first, no two are nearer to each other than `gap` metres."""
+    As the camera sees them at first, no two are nearer to each other than `gap` metres, `width`
+    times as far from left to right."""
     right = np.array([-_EYE[1], _EYE[0], 0.0]) / np.hypot(*_EYE[:2])
     axes = np.stack([right, np.cross(_EYE / np.linalg.norm(_EYE), right)])
+    scale = np.array([1 / width, 1.0])
     # A hair apart in a circle: what is at one place in the image has somewhere to go.
     turn = np.arange(len(at)) * 2.4
-    start = at @ axes.T + [0.0, gap] + 0.01 * gap * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    start = (
+        scale * (at @ axes.T)
+        + [0.0, gap]
+        + 0.01 * gap * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    )
     places = start.copy()
     for _ in range(200):
         apart = places[:, None] - places[None]
@@ -279,7 +285,7 @@ def label_places(at: NDArray[np.float64], gap: float) -> NDArray[np.float64]:
             break
         places += ((0.5 * lacking / distance)[:, :, None] * apart).sum(axis=1)
     forward = 3 * gap * _EYE / np.linalg.norm(_EYE)  # the vehicle hides nothing
-    placed: NDArray[np.float64] = at + forward + (places - at @ axes.T) @ axes
+    placed: NDArray[np.float64] = at + forward + (places / scale - at @ axes.T) @ axes
     return placed
 
 
