@@ -55,7 +55,9 @@ VERBS = {
     ),
     "report": Verb("tracking.report.command", "Write the report of a sweep again."),
     "figures": Verb(
-        "tracking.paper.command", "Write figures of a sweep as files for a paper.", "sweeps"
+        "tracking.report.figures_command",
+        "Write figures of a sweep as files for a paper.",
+        "sweeps",
     ),
     "search-report": Verb("tracking.search_report.command", "Write the report of a search again."),
     "dashboard": Verb("tracking.dashboard", "Open MLflow with the runs of sweeps.", "sweeps"),
@@ -125,7 +127,7 @@ def _app_of_plugin(name: str, module: str) -> Any:
         if not isinstance(app, typer.Typer):
             raise ValueError(f"{name} ({module}): app is no Typer app, but {type(app).__name__}")
     except ValueError as error:
-        print(f"{error}; mend or uninstall it", file=sys.stderr)
+        print(f"{error}; repair or uninstall it", file=sys.stderr)
         raise typer.Exit(2) from None
     return app
 

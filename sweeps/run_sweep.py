@@ -139,8 +139,8 @@ class SweepWork:
         written = (*pages, folder / "sweep.json", folder / "config.yaml")
         for path in (*written, *sorted(folder.glob("*.parquet"))):
             log.artifact(path)
-        for path in sorted((folder / "tables").glob("*.csv")):
-            log.artifact(path, "tables")
+        for path in (*(folder / "tables").glob("*.csv"), *(folder / "figures").glob("*.png")):
+            log.artifact(path, path.parent.name)
         _print_summary(self.console, analysis)
         return report
 

@@ -67,7 +67,6 @@ FLOORS = {
         "figures",
         "mlflow pages",
         "dashboard report search_report validation",
-        "paper",
     ),
     "tracking.figures": ("kit", "of_searches"),
     "tracking.report": (
@@ -75,10 +74,10 @@ FLOORS = {
         "recommendation",
         "analysis",
         "cautions sections",
-        "decision",
+        "decision paper_figures",
         "failures",
         "build",
-        "command",
+        "command figures_command",
     ),
     "sweeps": (
         "configuration",

@@ -1,7 +1,7 @@
 """Box logs from data sets and tables: `lidarplace convert --help`."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -28,7 +28,7 @@ from lidarplace.scenes.datasets.tabular import read_tabular
 from lidarplace.scenes.datasets.waymo import read_waymo
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 from lidarplace.scenes.kitti.read import read_kitti, subfolder
-from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
+from lidarplace.scenes.label_tables.mapping import TableMapping, convention_keys, read_mapping
 from lidarplace.scenes.label_tables.propose import propose_mapping
 from lidarplace.scenes.label_tables.read import read_label_table
 from lidarplace.scenes.label_tables.units import SECONDS
@@ -95,12 +95,29 @@ def nuscenes(
         Path | None,
         typer.Option(help="text file with one test scene per line, instead of --test-share"),
     ] = None,
+    channel: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="LiDAR of the rig, the one of the ego's poses first; repeatable, by default all"
+        ),
+    ] = None,
+    origin: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z",
+            help="origin of the ego frame of the tables in ours, metres; by default that of "
+            "nuScenes' vehicle",
+        ),
+    ] = None,
 ) -> None:
-    """Annotated key frames of nuScenes v1.0."""
+    """Annotated key frames of nuScenes v1.0, and data sets of the same tables."""
 
     def read(ignored: Counter[str]) -> BoxLog:
         test = read_text(test_scenes).split() if test_scenes else test_share
         arguments = options.arguments(ignored)
+        if origin is not None:
+            arguments["origin"] = [0 - value for value in origin]
+        arguments["channels"] = channel or ()
         return read_nuscenes(source, version=version, test_scenes=test, **arguments)
 
     convert_log(read, source, out, options)
@@ -234,6 +251,12 @@ def table(
 
     def read(ignored: Counter[str]) -> BoxLog:
         if columns is not None:
+            if preview is not None and columns.yaw.is_open:
+                logs = {
+                    name: read_label_table(source, each, Counter())
+                    for name, each in columns.candidates().items()
+                }
+                _draw(logs, source, preview)
             return read_label_table(source, columns, ignored)
         number_or_table: int | Path | None = None
         if frames:
@@ -243,7 +266,7 @@ def table(
 
     def check(log: BoxLog) -> list[str]:
         if preview is not None:
-            _draw(log, source, preview)
+            _draw({"": log}, source, preview)
         return _check(log, source, columns)
 
     origin = [0.0 if columns is None else getattr(columns.origin, axis) for axis in "xyz"]
@@ -298,16 +321,16 @@ def _propose(source: Path, path: Path) -> None:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        wrong(f"{path}: is there already, and is not overwritten; name another file")
+        wrong(f"{path}: exists, and is not overwritten; name another file")
     except (ValueError, OSError) as error:
         wrong(error)
     say(path)
 
 
-def _draw(log: BoxLog, source: Path, path: Path) -> None:
+def _draw(logs: Mapping[str, BoxLog], source: Path, path: Path) -> None:
     from lidarplace.viewing.from_above import write_from_above
 
-    write_from_above(path, log, f"{source.name}: the first frames from above")
+    write_from_above(path, logs, f"{source.name}: the first frames from above")
     say(path)
 
 
@@ -320,7 +343,11 @@ def _check(log: BoxLog, source: Path, mapping: TableMapping | None) -> list[str]
     of_degrees = implausible_degrees(log) if mapping.units.angle == "deg" else ()
     for value in chain(of_degrees, implausible_values(log)):
         if value.check not in mapping.accept:
-            accept = f"accept: [{value.check}]"
-            fix = f"change {{remedy}} of the mapping, or accept the value: {accept}"
+            change = "change {remedy} of the mapping"
+            if value.convention is not None and mapping.coordinates == "ego":
+                convention = value.convention.after(mapping.of_boxes())
+                keys = convention_keys(convention, mapping)
+                change = f"write `{keys}` in the mapping".replace("{", "{{").replace("}", "}}")
+            fix = f"{change}, or accept the value: accept: [{value.check}]"
             raise error_of(value, log, source, mapping.column(value.column), fix)
     return []

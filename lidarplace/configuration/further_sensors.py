@@ -24,6 +24,7 @@ from lidarplace.configuration.settings import (
     Elevation,
     Name,
     Number,
+    Price,
     Text,
     Turn,
 )
@@ -54,7 +55,7 @@ class FurtherSensorSettings(PoseSettings):
         None, gt=0, description="largest distance at which it sees any object, metres"
     )
     ranges: Ranges = Field(default={}, description="the same by class of the object, metres")
-    price: Amount | None = Field(None, description="in any currency")
+    price: Price | None = Field(None, description="in any currency")
     power: Amount | None = Field(None, description="watts")
     source: Text | None = Field(None, description="source of its numbers")
 

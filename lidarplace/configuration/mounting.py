@@ -22,6 +22,7 @@ from lidarplace.configuration.settings import (
     Height,
     Length,
     Name,
+    Price,
     Probability,
     Settings,
 )
@@ -193,7 +194,7 @@ class LimitSettings(Settings):
     body_share: Probability | None = Field(
         None, description="largest share of a LiDAR's rays that may meet the vehicle's own body"
     )
-    price: Amount | None = Field(None, description="maximum price of all LiDARs")
+    price: Price | None = Field(None, description="maximum price of all LiDARs")
     power: Amount | None = Field(None, description="maximum power of all LiDARs, watts")
     common_view: CommonViewSettings | None = Field(
         None, description="common view of the LiDARs, for their calibration against each other"

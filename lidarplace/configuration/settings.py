@@ -70,6 +70,17 @@ Factor = Annotated[float, Strict(), Field(ge=0, le=1_000_000, allow_inf_nan=Fals
 """A number without a unit that something is multiplied with."""
 Amount = Annotated[float, Strict(), Field(ge=0, le=1e12, allow_inf_nan=False)]
 """Amount of money, or of gigabytes."""
+
+
+def _without_currency(value: Any) -> Any:
+    if isinstance(value, str):
+        expected = "a number; all prices of a file are in the same currency"
+        raise InputError(expected=expected, found=value, fix="convert it, and omit the currency")
+    return value
+
+
+Price = Annotated[Amount, BeforeValidator(_without_currency)]
+"""Amount of money, in any currency."""
 Number = Annotated[float, Strict(), Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
 """Number without a known range."""
 

@@ -9,8 +9,9 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.base.errors import InputError
-from lidarplace.base.number_text import number
+from lidarplace.base.number_text import number, percent
 from lidarplace.logs.boxes import GEOMETRY, SIZE, first
+from lidarplace.logs.convention import Convention
 
 MOST_SIZE_M = 50.0  # hardly a vehicle is so long; 4.5 m in centimetres is more
 MOST_YAW = 4 * math.pi
@@ -18,7 +19,7 @@ MOST_YAW = 4 * math.pi
 SIZES = (30.0, 1000.0)  # median longest side from which a box is in centimetres, and in millimetres
 STEP_S = (0.008, 15.0)  # from one labelled frame to the next, in the median
 
-LogCheck = Literal["yaw", "size", "place", "ground", "time", "poses", "duplicates", "split"]
+LogCheck = Literal["yaw", "axes", "size", "place", "ground", "time", "poses", "duplicates", "split"]
 """Subject of a check of a box log; a mapping of columns may accept its values as they are."""
 DetectionCheck = Literal[
     "rows", "place", "yaw", "size", "ground", "time", "class", "score", "overlap"
@@ -37,6 +38,7 @@ class ImplausibleValue(NamedTuple):
     certain: bool  # whether no real data looks like this, so that it is an error
     rows: NDArray[np.bool_] | None = None
     """Mask of the log's boxes, or of its frames for `CHECKS_OF_FRAMES`; at least one is true."""
+    convention: Convention | None = None  # in which the numbers are plausible
 
     def where(self, boxes: pd.DataFrame) -> str:
         """Count the rows of these boxes (or frames), and show the first with its values."""
@@ -46,11 +48,12 @@ class ImplausibleValue(NamedTuple):
         value = number(box[self.column])
         if self.check == "size":
             value = " x ".join(number(box[side]) for side in SIZE)
-        elif self.check in ("place", "duplicates", "split"):
-            value = f"x {value}, y {number(box['y'])}"
+        elif self.check in ("place", "axes", "duplicates", "split"):
+            value = f"x {number(box['x'])}, y {number(box['y'])}"
+        share = percent(self.rows.mean(), ".1f")
         return (
-            f"{self.rows.sum():,} of {len(boxes):,} {kind} ({self.rows.mean():.1%}), the first "
-            f"in frame {box['frame']} with {value}"
+            f"{self.rows.sum():,} of {len(boxes):,} {kind} ({share}), the first in frame "
+            f"{box['frame']} with {value}"
         )
 
 
@@ -85,8 +88,8 @@ def implausible_boxes(boxes: pd.DataFrame) -> Iterator[str]:
     ):
         if rows.any():
             yield (
-                f"{rows.sum():,} of {len(boxes):,} boxes ({rows.mean():.0%}) are {problem}, the "
-                f"first in row {int(rows.argmax())}: {hint}"
+                f"{rows.sum():,} of {len(boxes):,} boxes ({percent(rows.mean())}) are {problem}, "
+                f"the first in row {int(rows.argmax())}: {hint}"
             )
 
 

@@ -15,17 +15,18 @@ from lidarplace.base.errors import at
 from lidarplace.configuration.mounting import (
     KeepOuts,
     LimitSettings,
-    PlaceSettings,
     carrier_of,
     keep_out_boxes,
     mountable,
 )
 from lidarplace.configuration.placement import MOST_MOUNTS, MountSettings, PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.configuration.settings import Amount, Name, Settings, fault, short_for
+from lidarplace.configuration.settings import Name, Price, Settings, fault, short_for
 from lidarplace.configuration.vehicle import OwnVehicle, VehicleSettings, vehicle_of
 from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.configuration.zones import CountRange, ZoneSettings
 from lidarplace.files.atomic import write_text
+from lidarplace.mounting.counts import CountBound
 from lidarplace.mounting.limits import Limits
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone
@@ -54,11 +55,15 @@ class RigsSettings(Settings):
     placements: dict[Name, RigSettings] = Field(
         default={"mine": RigSettings()}, min_length=1, description="rigs by name"
     )
-    zones: dict[Name, PlaceSettings] = Field(
+    zones: dict[Name, ZoneSettings] = Field(
         {}, description="zones by name: where a LiDAR may be mounted; anywhere without zones"
     )
+    lidars: CountRange | None = Field(None, description="number of LiDARs, or [min, max]")
+    counts: dict[Name, CountRange] = Field(
+        default={}, description="number of LiDARs by their name in the catalogue, or [min, max]"
+    )
     keep_out: KeepOuts = Field(default={})
-    prices: dict[Name, Amount] = Field(
+    prices: dict[Name, Price] = Field(
         default={}, description="prices of LiDARs by their name in the catalogue, in any currency"
     )
     constraints: LimitSettings = Field(LimitSettings(), description="limits of a rig")
@@ -101,7 +106,20 @@ class RigsFile:
     @cached_property
     def zones(self) -> tuple[Zone, ...]:
         """Zones in which LiDARs may sit."""
-        return mountable(self.settings.zones, self.vehicle)
+        zones = self.settings.zones.items()
+        return tuple(z for name, zone in zones for z in zone.zones(name, self.vehicle))
+
+    @cached_property
+    def counts(self) -> tuple[CountBound, ...]:
+        """Bounds on the number of LiDARs: in zones, of models, and of all."""
+        settings = self.settings
+        bounds = [
+            CountBound(f"zones.{name}.lidars", *zone.lidars, zone=name, size=zone.size)
+            for name, zone in settings.zones.items()
+            if zone.lidars
+        ]
+        bounds += [CountBound(f"counts.{n}", *c, model=n) for n, c in settings.counts.items()]
+        return (*bounds, *([CountBound("lidars", *settings.lidars)] if settings.lidars else []))
 
     @cached_property
     def limits(self) -> Limits:
@@ -170,5 +188,5 @@ def as_yaml(content: Mapping[str, Any]) -> str:
 def write_rigs(path: Path, text: str, overwrite: bool) -> None:
     """Write a file in one step. Raises FileExistsError: it exists, without `overwrite`."""
     if path.exists() and not overwrite:
-        raise FileExistsError(f"{path}: is there already; say overwrite, or name another file")
+        raise FileExistsError(f"{path}: exists; choose overwrite, or another name")
     write_text(path, text)

@@ -3,11 +3,20 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.blind_lidars import blind_lidars, why_blind
-from lidarplace.mounting.limits import ROUNDING, Limits, MountedSensors, Violation, check
+from lidarplace.mounting.counts import CountBound
+from lidarplace.mounting.limits import (
+    MICROMETRE,
+    ROUNDING,
+    Limits,
+    MountedSensors,
+    Violation,
+    check,
+)
 from lidarplace.mounting.zone import distance
 from lidarplace.requirements.check_requirements import RequirementResult, check_requirements
 from lidarplace.requirements.layout import RequirementLayout
@@ -21,9 +30,9 @@ from lidarplace.studio.rigs_file import RigsFile
 class ReportedViolation(Violation):
     """A limit, a total or a requirement that a rig violates, and its description.
 
-    `limit` is also "price", "power", "blind" or "requirement"; `lidars` is empty if the whole rig
-    violates it; `value` and `excess` are in money, watts or the requirement's measure, too, and NaN
-    where unknown."""
+    `limit` is also "price", "power", "count", "blind" or "requirement"; `lidars` is empty if the
+    whole rig violates it; `value` and `excess` are in money, watts or the requirement's measure,
+    too, and NaN where unknown."""
 
     text: str
 
@@ -55,7 +64,8 @@ def violations(rig: Rig, file: RigsFile) -> tuple[ReportedViolation, ...]:
 
 
 def totals_above(rig: Rig, file: RigsFile) -> Iterator[ReportedViolation]:
-    """Yield price and power where the sum over all sensors exceeds its limit or is unknown."""
+    """Yield numbers of LiDARs, price and power that exceed their bounds or are unknown."""
+    yield from _miscounted(rig, file)
     limits = file.settings.constraints
     for name, values, limit, unit in (
         ("price", prices_of(rig, file), limits.price, ""),
@@ -71,6 +81,33 @@ def totals_above(rig: Rig, file: RigsFile) -> Iterator[ReportedViolation]:
             unpriced = {sensor or "a LiDAR without a name" for sensor, x in pairs if math.isnan(x)}
             text = f"{name}: of {', '.join(sorted(unpriced))} it is not known"
         yield ReportedViolation(name, (), total, total - limit, text)
+
+
+class _NamedLidar(NamedTuple):
+    zone: str
+    model: str
+
+
+def _miscounted(rig: Rig, file: RigsFile) -> Iterator[ReportedViolation]:
+    """Yield the bounds on numbers of LiDARs that the rig breaks."""
+    lidars = []
+    for mount, model in zip(rig.mounts, _models(rig, file), strict=True):
+        at = mount.position
+        zones = (zone.name for zone in file.zones if distance(zone, *at) <= MICROMETRE)
+        lidars.append(_NamedLidar(next(zones, ""), model or ""))
+    excluded = [
+        CountBound(f"zones.{zone}.models", 0, 0, zone, model)
+        for zone, settings in file.settings.zones.items()
+        for model in dict.fromkeys(lidar.model for lidar in lidars)
+        if settings.models and model not in settings.models
+    ]
+    for bound in (*file.counts, *excluded):
+        unit = bound.model or ("pairs" if bound.size > 1 else "LiDARs")
+        number = bound.number(lidars)
+        excess = max(bound.low - number, number - bound.high)
+        if excess > 0:
+            text = f"{bound.key}: {number} {unit}, expected {bound.text}"
+            yield ReportedViolation("count", (), number, excess, text)
 
 
 def _misplaced(rig: Rig, file: RigsFile, limits: Limits) -> Iterator[ReportedViolation]:

@@ -15,7 +15,6 @@ from lidarplace.configuration.mounting import (
     LimitSettings,
     MountingErrorSettings,
     mountable,
-    number_as_interval,
 )
 from lidarplace.configuration.settings import (
     Count,
@@ -29,14 +28,16 @@ from lidarplace.configuration.settings import (
     short_for,
 )
 from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
+from lidarplace.configuration.zones import CountRange, Turn, ZoneSettings
 from lidarplace.requirements.settings import Requirements
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.placement import Mount
-from sweeps.configuration.mountable_lidars import FixedSettings, ModelSettings, Turn, ZoneSettings
+from sweeps.configuration.mountable_lidars import FixedSettings, ModelSettings
 from sweeps.configuration.objective import (
     DEFAULT_METRIC,
     GENERALIST,
     PRETRAINED,
+    TOTALS,
     ObjectiveSettings,
     as_objective,
 )
@@ -111,8 +112,10 @@ class TrafficSettings(Settings):
 class SearchSettings(Settings):
     """Space of a search, its objectives, constraints and sampler."""
 
-    lidars: Annotated[tuple[Count, Count], BeforeValidator(number_as_interval)] = Field(
-        (4, 4), description="number of LiDARs, or [min, max], in addition to `fixed` ones"
+    lidars: CountRange | None = Field(
+        None,
+        description="number of LiDARs in all zones, or [min, max], in addition to `fixed` ones; "
+        "null: what the zones say, or 4",
     )
     zones: dict[Name, ZoneSettings] = Field(min_length=1, description="by name")
     models: dict[Name, Annotated[ModelSettings, short_for("name")]] = Field(
@@ -208,9 +211,9 @@ class SearchSettings(Settings):
 
     @model_validator(mode="after")
     def _fits(self) -> SearchSettings:
-        low, high = self.lidars
-        if not 1 <= low <= high:
-            raise InputError(key="lidars", expected="a number, or [min, max] with 1 <= min <= max")
+        if self.lidars is not None and self.lidars[0] < 1:
+            expected = "a number, or [min, max] with 1 <= min <= max"
+            raise InputError(key="lidars", expected=expected, found=list(self.lidars))
         names = [objective.name for objective in self.objective]
         if len(set(names)) < len(names):
             raise InputError("duplicates", key="objective", found=", ".join(names))
@@ -233,7 +236,7 @@ class SearchSettings(Settings):
                 raise InputError("is for an objective that begins with pretrained", key="adapt")
             if not measured or self.adapt >= self.trials:
                 raise InputError(key="adapt", expected="fewer than `trials`", found=self.adapt)
-            if len(self.models) > 1 or self.counted:
+            if len(self.models) > 1 or self.by_zone:
                 raise InputError("is for one LiDAR model, and zones that do not count", key="adapt")
         if self.near_start and not self.start:
             raise InputError("name the rigs in `start`", key="near_start")
@@ -265,28 +268,38 @@ class SearchSettings(Settings):
         return further_sensors(self.cameras, self.radars, mounts)
 
     @property
-    def counted(self) -> bool:
-        """Whether zones define how many LiDARs they have."""
-        return any(zone.lidars is not None for zone in self.zones.values())
+    def by_zone(self) -> bool:
+        """Whether LiDARs are counted by zone, as they differ in number, models or angles."""
+        return any(zone.has_kinds for zone in self.zones.values())
 
     @property
-    def most_lidars(self) -> int:
-        """Most LiDARs of a rig, with fixed ones and mirror images."""
-        lidars = [(2 if z.mirrored else 1) * z.lidars[1] for z in self.zones.values() if z.lidars]
-        return (sum(lidars) if self.counted else self.lidars[1]) + len(self.fixed)
+    def total(self) -> tuple[int, int]:
+        """Least and greatest number of LiDARs in all zones, without fixed ones."""
+        counts = [(zone.lidars, zone.size) for zone in self.zones.values() if zone.lidars]
+        if self.lidars is not None or not counts:
+            return self.lidars or (4, 4)
+        low, high = (sum(count[end] * size for count, size in counts) for end in (0, 1))
+        return low, high
+
+    @property
+    def zone_counts(self) -> dict[str, tuple[int, int]]:
+        """Least and greatest number of LiDARs by zone; a mirrored pair counts once."""
+        _, most = self.total
+        return {n: zone.lidars or (0, -(-most // zone.size)) for n, zone in self.zones.items()}
 
     def _check_zones(self) -> None:
-        """Check zones that count their LiDARs: all or none, and then nothing else counts them."""
+        """Check zones: their models, and whether there is a number of LiDARs."""
         without = [name for name, zone in self.zones.items() if zone.lidars is None]
-        if self.counted:
-            if without:
-                raise InputError("missing; other zones have it", key=f"zones.{without[0]}.lidars")
-            if "lidars" in self.model_fields_set:
-                raise InputError("remove it; the zones set the number of LiDARs", key="lidars")
-            if self.symmetric:
-                raise InputError("zones with `lidars` need `mirrored`, too", key="symmetric")
-            if not any(zone.lidars and zone.lidars[1] for zone in self.zones.values()):
-                raise InputError("no zone allows a LiDAR", key="zones")
+        if self.lidars is None and 0 < len(without) < len(self.zones):
+            fix = "set it, or search.lidars"
+            raise InputError(
+                "missing; other zones have it", key=f"zones.{without[0]}.lidars", fix=fix
+            )
+        if self.by_zone and self.symmetric:
+            problem = "the zones differ in numbers, models or angles"
+            raise InputError(problem, key="symmetric", fix="set `mirrored` in the zones instead")
+        if not any(high for _, high in self.zone_counts.values()):
+            raise InputError("no zone allows a LiDAR", key="zones")
         mountable(self.zones, vehicle_of(self.vehicle))
         models = ", ".join(self.models) or "one of search.models, which has none"
         for name, zone in self.zones.items():
@@ -304,20 +317,26 @@ class SearchSettings(Settings):
                 pairs = [list(pair) for pair in view.pairs]
                 key = f"{where}.common_view.pairs"
                 raise InputError(problem, key=key, expected="all or chain", found=pairs)
-        if self.constraints.power is not None or any(o.by == "power" for o in self.objective):
-            unknown = [name for name, model in self.models.items() if math.isnan(model.watts)]
-            if unknown:
-                key = f"models.{unknown[0]}.power"
-                raise InputError("not in the catalogue", key=key, fix="set it")
-            if not self.models:
-                problem = "define the LiDARs there, so that their power is known"
-                raise InputError(problem, key="models")
-            for sensor in self.further_settings:
-                if sensor.power is None:
-                    key = "cameras" if sensor in self.cameras else "radars"
-                    raise InputError(f"{sensor.name or key}: missing power", key=key, fix="set it")
-        if any(o.by == "margin" for o in self.objective) and not self.requirements:
+        objectives = {objective.by for objective in self.objective}
+        for total in TOTALS:
+            if getattr(self.constraints, total) is not None or total in objectives:
+                self._check_total(total)
+        if "margin" in objectives and not self.requirements:
             raise InputError("margin needs search.requirements", key="objective")
+
+    def _check_total(self, total: str) -> None:
+        """Check that price or power of all sensors is known. Raises InputError."""
+        for name, model in self.models.items():
+            if math.isnan(model.total(total)):
+                problem = "missing" if total == "price" else "not in the catalogue"
+                raise InputError(problem, key=f"models.{name}.{total}", fix="set it")
+        if total == "power" and not self.models:
+            problem = "define the LiDARs there, so that their power is known"
+            raise InputError(problem, key="models")
+        for sensor in self.further_settings:
+            if getattr(sensor, total) is None:
+                key = "cameras" if sensor in self.cameras else "radars"
+                raise InputError(f"{sensor.name or key}: missing {total}", key=key, fix="set it")
 
     def _check_sampler(self) -> None:
         if self.sampler != "cmaes":

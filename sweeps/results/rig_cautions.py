@@ -40,21 +40,22 @@ def rig_cautions(plan: Plan) -> list[str]:
     by_rig: dict[str, list[Trial]] = {}
     for trial in plan.trials:
         by_rig.setdefault(trial.grid_point.point.placement, []).append(trial)
-    apart, carried, dark, stopped, unseen = {}, {}, {}, {}, {}
+    interleavings, vehicles, low_cover, stopped, unfamiliar_rigs = {}, {}, {}, {}, {}
     for name, trials in by_rig.items():
         placement, vehicle = trials[0].surrogates.stage.placement, trials[0].grid_point.vehicle
-        apart[name] = next(filter(None, (trial.interleaving for trial in trials)), None)
-        carried[name] = placement, sedan() if vehicle is None else vehicle
-        dark[name] = _dark(placement, trials[0].pog.stage.roi)
-        stopped[name] = _stopped(placement, vehicle)
-        unseen[name] = _beyond_training(trials)
-    few, much = f"{100 * LEAST_COVERED:g} %", f"{100 * MOST_STOPPED:g} %"
+        interleavings[name] = next(filter(None, (trial.interleaving for trial in trials)), None)
+        vehicles[name] = placement, sedan() if vehicle is None else vehicle
+        low_cover[name] = _low_cover(placement, trials[0].pog.stage.roi)
+        stopped[name] = _stopped_rays(placement, vehicle)
+        unfamiliar_rigs[name] = _beyond_training(trials)
     return [
-        *coinciding(apart),
-        *facing(carried),
-        *_in_rigs(f"LiDARs cover less than {few} of the ROI", dark),
-        *_in_rigs(f"The vehicle stops more than {much} of the rays of LiDARs", stopped),
-        *unfamiliar(unseen),
+        *coinciding(interleavings),
+        *facing(vehicles),
+        *_in_rigs(f"LiDARs cover less than {100 * LEAST_COVERED:g} % of the ROI", low_cover),
+        *_in_rigs(
+            f"The vehicle stops more than {100 * MOST_STOPPED:g} % of the rays of LiDARs", stopped
+        ),
+        *unfamiliar(unfamiliar_rigs),
     ]
 
 
@@ -68,8 +69,8 @@ def _in_rigs(fact: str, details: Mapping[str, str | None]) -> list[str]:
     return [f"{fact} in {len(named)} rig{'s' * (len(named) > 1)}: {rigs}."]
 
 
-def _dark(placement: Placement, roi: Roi) -> str:
-    """Name the LiDARs that cover next to nothing of the ROI, with their percentage."""
+def _low_cover(placement: Placement, roi: Roi) -> str:
+    """Name the LiDARs that cover less than `LEAST_COVERED` of the ROI, with their percentage."""
     shares = {}
     for number, mount in enumerate(placement.mounts, start=1):
         alone = Placement(placement.name, (mount,), placement.lidars[number - 1])
@@ -77,20 +78,21 @@ def _dark(placement: Placement, roi: Roi) -> str:
     return _percentages({n: share for n, share in shares.items() if share < LEAST_COVERED})
 
 
-def _stopped(placement: Placement, vehicle: Vehicle | None) -> str:
-    """Name the LiDARs that mostly see the vehicle itself, with the percentage of their rays."""
+def _stopped_rays(placement: Placement, vehicle: Vehicle | None) -> str:
+    """Name the LiDARs of which the vehicle stops many rays, with the percentage of their rays."""
     shares = {}
     for number, mount in enumerate(placement.mounts, start=1):
         lidar = placement.lidars[number - 1]
         few = lidar.thinned(min(1.0, AZIMUTH_STEPS / lidar.azimuth_steps))
         ends = ends_of(mount, few, NO_HOUSINGS, vehicle)
-        met = cast(mount, few, body_parts(vehicle), ends=ends)
-        shares[number] = float((met.target == BODY).mean())
+        returns = cast(mount, few, body_parts(vehicle), ends=ends)
+        shares[number] = float((returns.target == BODY).mean())
     return _percentages({n: share for n, share in shares.items() if share > MOST_STOPPED})
 
 
 def _percentages(shares: Mapping[int, float]) -> str:
-    return ", ".join(f"LiDAR {number}: {100 * share:.2g} %" for number, share in shares.items())
+    rounded = {number: float(f"{100 * share:.2g}") for number, share in shares.items()}
+    return ", ".join(f"LiDAR {number}: {share:g} %" for number, share in rounded.items())
 
 
 def facing(rigs: Mapping[str, tuple[Placement, Vehicle]]) -> list[str]:
@@ -102,13 +104,13 @@ def facing(rigs: Mapping[str, tuple[Placement, Vehicle]]) -> list[str]:
         numbers = [f"{i + 1} and {j + 1}" for i, j in (each.lidars for each in violations)]
         more = len(numbers) - MOST_PAIRS
         pairs[name] = ", ".join(numbers[:MOST_PAIRS]) + (f", {more} pairs more" * (more > 0))
-    why = "That blinds or deceives those not made for it: raise, tilt or shield one."
+    why = "Their light can cause false or missing returns: raise, tilt or shield one."
     return [f"{line} {why}" for line in _in_rigs("LiDARs look into each other", pairs)]
 
 
 def coinciding(interleavings: Mapping[str, Interleaving | None]) -> list[str]:
-    """Warn of rings that coincide, most first; with pitches that part those of the first rig."""
-    rings = {name: apart for name, apart in interleavings.items() if apart}
+    """Warn of rings that coincide, most first; with pitches that separate the first rig's."""
+    rings = {name: pitches for name, pitches in interleavings.items() if pitches}
     worst = sorted(rings, key=lambda name: -rings[name].before)
     shares = {name: f"{100 * rings[name].before:.0f} %" for name in worst}
     lines = _in_rigs("Rings of LiDARs coincide", shares)

@@ -35,7 +35,7 @@ LINES = {
     "clean": right("clean sweep.yaml", codes=(0, 1), needs="runs"),
     "doctor": right("doctor sweep.yaml", codes=(0, 1)),
     "report": right("report run", stops_at="tracking.report.build.build_report"),
-    "figures": right("figures run", stops_at="tracking.paper.figures.write_figures"),
+    "figures": right("figures run", stops_at="tracking.report.paper_figures.write_figures"),
     "search-report": right(
         "search-report found", stops_at="tracking.search_report.build.build_search_report"
     ),
@@ -73,6 +73,7 @@ LINES = {
     ),
     "sensors": right("sensors list vlp16"),
     "sensors fit": right("sensors fit cloud.parquet --like vlp16 --out lidar.yaml"),
+    "sensors import": right("sensors import makers/vlp4db.yaml --out lidar.yaml"),
     "rig": right("rig rig.yaml objects.json --format carla --lidar vlp16"),
     "read a rig": right("rig rigs/urdf.urdf new.yaml --origin 0 0 0 --only *"),
     "describe": right("describe log"),

@@ -1,5 +1,6 @@
 """Right files, tiny, of every kind that something reads. A case takes a copy and makes it wrong."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -139,6 +140,8 @@ def write_world(folder: Path) -> None:
     frames.assign(ego_x=0.0, ego_y=0.0, ego_yaw=0.0).to_parquet(folder / "log/frames.parquet")
     _tables(folder)
     _labels(folder / "labels")
+    _json_frames(folder / "frames")
+    shutil.copytree(MAPS.parent / "makers", folder / "makers")
     _kitti(folder / "kitti")
     write_data_sets(folder, "nuscenes", "av2", both=False)
     _clouds(folder)
@@ -209,7 +212,17 @@ def _labels(folder: Path) -> None:
     mapping["classes"] = {**mapping["classes"], "bicyclist": "Two-Wheeler"}  # of one's own
     table.to_csv(folder / "labels.csv", index=False)
     table.to_parquet(folder / "labels.parquet")
+    table.to_json(folder / "labels.jsonl", orient="records", lines=True)
     (folder / "map.yaml").write_text(yaml.safe_dump(mapping, sort_keys=False))
+
+
+def _json_frames(folder: Path) -> None:
+    """A JSON file a frame, with its mapping."""
+    from lidarplace.scenes.label_tables.propose import propose_mapping
+
+    shutil.copytree(MAPS.parent / "labels/sustech/drive/label", folder)
+    text = propose_mapping(folder).replace("sense: }", "sense: clockwise}")
+    (folder / "map.yaml").write_text(text)
 
 
 def _kitti(folder: Path) -> None:
@@ -260,12 +273,14 @@ def _clouds(folder: Path) -> None:
     from lidarplace.clouds.recorded import rig_record
     from lidarplace.rigs.lidar import Lidar
     from lidarplace.rigs.placement import PAPER_PLACEMENTS
+    from tests.lidarplace.test_cloud_files import CLOUD, pcd
     from tests.lidarplace.test_sensors_fit import cloud_of
 
     random = np.random.default_rng(0)
     clouds = [(random.uniform(0, 1, (50, 4)).astype(np.float32), [20, 30]) for _ in FRAMES]
     write_clouds(folder / "clouds/route", PointClouds.from_frames(FRAMES, clouds, CROP))
     cloud_of(Lidar.even(6, (-15, 5), 120)).to_parquet(folder / "cloud.parquet", index=False)
+    (folder / "cloud.pcd").write_bytes(pcd(CLOUD, "binary_compressed"))
     record = json.dumps(rig_record(PAPER_PLACEMENTS["line"]))
     (folder / "clouds/placement.json").write_text(record)
 

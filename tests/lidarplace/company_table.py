@@ -1,7 +1,7 @@
 """Label files in a company's manner: a box log under other names, units and origins."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -27,61 +27,139 @@ class Manner:
     size: str = "mm"
     angle: str = "deg"
     time: str = "us"
-    box_z: str = "centre"
+    anchor: str = "centre"
+    axes: tuple[str, str, str] = ("forward", "left", "up")
+    zero: str = "x"
+    sense: str | None = None
+    half: bool = False
+    heading: str = "yaw"
+    origin_yaw: float = 0.0
     coordinates: str = "ego"
     origin: tuple[float, float, float] = (-1.4, 0.0, 0.33)
     rate_hz: float | None = None
 
 
+DIRECTIONS = {"forward": (1, 0, 0), "left": (0, 1, 0), "up": (0, 0, 1)}
+DIRECTIONS |= {"back": (-1, 0, 0), "right": (0, -1, 0), "down": (0, 0, -1)}
+POINTS = {"top": (0, 0, 0.5), "bottom": (0, 0, -0.5), "rear left bottom": (-0.5, 0.5, -0.5)}
+
+
+def turned(points: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:
+    """Points (n, 3), turned about z, counter-clockwise."""
+    x, y, z = points.T
+    return np.stack(
+        [np.cos(yaw) * x - np.sin(yaw) * y, np.sin(yaw) * x + np.cos(yaw) * y, z], axis=1
+    )
+
+
+def in_axes(vectors: np.ndarray, axes: tuple[str, str, str]) -> np.ndarray:
+    """Components of vectors (n, 3) along the axes of a file."""
+    return np.stack([vectors @ DIRECTIONS[name] for name in axes], axis=1)
+
+
+def _angles(yaw: np.ndarray, manner: Manner) -> np.ndarray:
+    """Angles from the axis at yaw 0 to the front, about the upright axis of the file or above."""
+    fronts = turned(np.tile([1.0, 0.0, 0.0], (len(yaw), 1)), yaw)
+    axis, sign = manner.zero[-1], -1 if manner.zero[0] == "-" else 1
+    zero = sign * np.array(DIRECTIONS[manner.axes["xyz".index(axis)]])
+    hand = np.linalg.det([DIRECTIONS[a] for a in manner.axes])
+    about = hand * np.array(DIRECTIONS[manner.axes[2]])
+    if manner.sense is not None:  # seen from above
+        about = np.array([0, 0, 1 if manner.sense == "counterclockwise" else -1])
+    return np.arctan2(fronts @ np.cross(about, zero), fronts @ zero)
+
+
+def _heading_columns(yaw: np.ndarray, manner: Manner, name: str) -> dict[str, np.ndarray]:
+    """Columns of the fronts of boxes, in the file's axes, from their yaw in ours."""
+    if manner.heading == "direction":
+        fronts = turned(np.tile([1.0, 0.0, 0.0], (len(yaw), 1)), yaw)
+        return dict(zip((f"{name}_dx", f"{name}_dy"), in_axes(fronts, manner.axes).T, strict=False))
+    if manner.heading == "quaternion":
+        half = _angles(yaw, replace(manner, sense=None)) / 2
+        parts = {"w": np.cos(half), "x": 0 * half, "y": 0 * half, "z": np.sin(half)}
+        return {f"{name}_q{key}": part for key, part in parts.items()}
+    start, next_one = _angles(np.array([0.0, 0.1]), manner)  # linear: whole turns stay
+    return {name: (start + yaw * round((next_one - start) / 0.1)) * ANGLE[manner.angle]}
+
+
 def write_in_manner(log: BoxLog, manner: Manner) -> pd.DataFrame:
     """The boxes of a log, whose drives are its scenes and whose times start at 0."""
     frames = log.frames.set_index("frame").loc[log.boxes["frame"]].reset_index()
-    x, y, z = (log.boxes[axis].to_numpy() - manner.origin[i] for i, axis in enumerate("xyz"))
+    places = log.boxes[list("xyz")].to_numpy()
     yaw = log.boxes["yaw"].to_numpy()
-    size = log.boxes[["length", "width", "height"]] * LENGTH[manner.size]
-    if manner.box_z == "bottom":
-        z = z - log.boxes["height"].to_numpy() / 2
-    stamp = START_S * TIME[manner.time] + (frames["timestamp_s"] * TIME[manner.time])
+    sides = log.boxes[["length", "width", "height"]].to_numpy()
+    places = places + turned(sides * POINTS.get(manner.anchor, (0, 0, 0)), yaw)
+    places, yaw = turned(places - manner.origin, -manner.origin_yaw), yaw - manner.origin_yaw
+    size = sides * LENGTH[manner.size] / (2 if manner.half else 1)
+    unit = TIME.get(manner.time, 10**6)
+    stamp = START_S * unit + (frames["timestamp_s"] * unit)
+    stamp = stamp.round().astype(np.int64) if manner.time != "s" else stamp
+    if manner.time == "iso":
+        stamp = [
+            f"{date.isoformat()}+01:00" for date in pd.to_datetime(stamp + 36 * 10**8, unit="us")
+        ]
     table = pd.DataFrame(
         {
             "recording": log.boxes["scene"].to_numpy(),
-            "stamp": stamp.round().astype(np.int64) if manner.time != "s" else stamp,
+            "stamp": stamp,
             "track": log.boxes["object_id"].to_numpy(),
             "kind": log.boxes["class"].map(CATEGORIES).to_numpy(),
         }
     )
     if manner.coordinates == "world":
         ego_yaw = frames["ego_yaw"].to_numpy()
-        cos, sin = np.cos(ego_yaw), np.sin(ego_yaw)
-        host_x = frames["ego_x"] + cos * manner.origin[0] - sin * manner.origin[1]
-        host_y = frames["ego_y"] + sin * manner.origin[0] + cos * manner.origin[1]
-        x, y = host_x + cos * x - sin * y, host_y + sin * x + cos * y
-        yaw = yaw + ego_yaw
-        table["host_x"], table["host_y"] = host_x, host_y
-        table["host_heading"] = ego_yaw * ANGLE[manner.angle]
-    for name, place in (("posX", x), ("posY", y), ("posZ", z)):
-        table[name] = np.asarray(place) * LENGTH[manner.position]
-    for name, side in (("len", "length"), ("wid", "width"), ("hgt", "height")):
-        table[name] = size[side].to_numpy()
-    table["heading"] = np.asarray(yaw) * ANGLE[manner.angle]
-    return table
+        ego = np.column_stack([frames[["ego_x", "ego_y"]], np.zeros(len(frames))])
+        aside = np.tile([*manner.origin[:2], 0.0], (len(ego), 1))  # heights are the file's own
+        host = ego + turned(aside, ego_yaw)
+        places, yaw = (
+            host + turned(places, ego_yaw + manner.origin_yaw),
+            yaw + ego_yaw + manner.origin_yaw,
+        )
+        table["host_x"], table["host_y"] = in_axes(host, manner.axes)[:, :2].T
+        host_yaw = ego_yaw + manner.origin_yaw
+        table = table.assign(**_heading_columns(host_yaw, manner, "host_heading"))
+    for name, place in zip(("posX", "posY", "posZ"), in_axes(places, manner.axes).T, strict=True):
+        table[name] = place * LENGTH[manner.position]
+    for name, side in zip(("len", "wid", "hgt"), size.T, strict=True):
+        table[name] = side
+    return table.assign(**_heading_columns(yaw, manner, "heading"))
+
+
+def _heading_keys(manner: Manner, name: str) -> dict[str, object]:
+    if manner.heading == "quaternion":
+        return {"quaternion": {key: f"{name}_q{key}" for key in "xyzw"}}
+    if manner.heading == "direction":
+        return {"direction": {"x": f"{name}_dx", "y": f"{name}_dy"}}
+    return {"yaw": name}
 
 
 def mapping_of(log: BoxLog, manner: Manner) -> dict[str, object]:
     """The mapping that tells all of this."""
-    poses = {"poses": {"x": "host_x", "y": "host_y", "yaw": "host_heading"}, "coordinates": "world"}
-    keys = "drive time object category x y z length width height yaw"
-    names = "recording stamp track kind posX posY posZ len wid hgt heading"
-    return {
-        "columns": dict(zip(keys.split(), names.split(), strict=True)),
+    host = {"x": "host_x", "y": "host_y", **_heading_keys(manner, "host_heading")}
+    if manner.zero != "x" or manner.axes != Manner.axes:
+        host["zero"] = manner.zero
+    keys = "drive time object category x y z length width height"
+    names = "recording stamp track kind posX posY posZ len wid hgt"
+    mapping = {
+        "columns": dict(zip(keys.split(), names.split(), strict=True))
+        | _heading_keys(manner, "heading"),
         "units": {key: getattr(manner, key) for key in ("position", "size", "angle", "time")},
-        "box_z": manner.box_z,
+        "anchor": manner.anchor,
         "origin": dict(zip("xyz", manner.origin, strict=True)),
         "classes": {theirs: ours for ours, theirs in CATEGORIES.items()},
         "frames": {"rate_hz": manner.rate_hz},
         "drives": {"test": sorted(set(log.frames["scene"][log.frames["split"] == "test"]))},
-        **(poses if manner.coordinates == "world" else {}),
     }
+    if manner != replace(manner, axes=Manner.axes, zero="x", sense=None):
+        mapping["axes"] = dict(zip("xyz", manner.axes, strict=True))
+        mapping["yaw"] = {"zero": manner.zero} | ({"sense": manner.sense} if manner.sense else {})
+    if manner.half:
+        mapping["size"] = "half"
+    if manner.origin_yaw:
+        mapping["origin"]["yaw"] = manner.origin_yaw
+    if manner.coordinates == "world":
+        mapping |= {"poses": host, "coordinates": "world"}
+    return mapping
 
 
 def traffic(

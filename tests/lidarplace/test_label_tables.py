@@ -36,8 +36,23 @@ manners = st.builds(
     position=st.sampled_from(["m", "cm", "mm"]),
     size=st.sampled_from(["m", "cm", "mm"]),
     angle=st.sampled_from(["rad", "deg"]),
-    time=st.sampled_from(["s", "ms", "us", "ns"]),
-    box_z=st.sampled_from(["centre", "bottom"]),
+    time=st.sampled_from(["s", "ms", "us", "ns", "iso"]),
+    anchor=st.sampled_from(["centre", "bottom", "top", "rear left bottom"]),
+    axes=st.sampled_from(
+        [
+            ("forward", "left", "up"),
+            ("forward", "right", "up"),
+            ("left", "back", "up"),
+            ("right", "forward", "up"),
+            ("forward", "right", "down"),
+            ("back", "left", "up"),
+        ]
+    ),
+    zero=st.sampled_from(["x", "y", "-y"]),
+    sense=st.sampled_from([None, "clockwise", "counterclockwise"]),
+    half=st.booleans(),
+    heading=st.sampled_from(["yaw", "quaternion", "direction"]),
+    origin_yaw=st.sampled_from([0.0, 0.7]),
     coordinates=st.sampled_from(["ego", "world"]),
     origin=st.tuples(st.floats(-3, 3), st.floats(-1, 1), st.floats(-1, 2)),
     rate_hz=st.sampled_from([None, 10.0]),
@@ -203,7 +218,7 @@ MISTAKES = {
     "the own vehicle": (
         {},
         lambda t: t.assign(**{k: t[k].where(t["track"] != "0-0", 0.5) for k in ("posX", "posY")}),
-        "the centre is in the body of the vehicle: 8 of 144 boxes (5.6%)",
+        "the centre is in the body of the vehicle: 8 of 144 boxes (5.6 %)",
     ),
 }  # fmt: skip
 
@@ -233,7 +248,7 @@ POSES = {"x": "host_x", "y": "host_y", "yaw": "host_heading"}
 @pytest.mark.parametrize(
     ("angle", "change", "message"),
     [
-        ("rad", None, "labels.csv: host_heading: 100.0% of the rows are over two turns"),
+        ("rad", None, "labels.csv: host_heading: 100.0 % of the rows are over two turns"),
         ("deg", lambda t: t.assign(host_heading=90 - t["host_heading"]), ANOTHER_WAY),
         ("deg", lambda t: t.assign(host_heading=np.radians(t["host_heading"])), ANOTHER_WAY),
         ("deg", lambda t: t.assign(host_heading=180 + t["host_heading"]), ANOTHER_WAY),

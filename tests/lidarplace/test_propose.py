@@ -19,18 +19,18 @@ from tests.sweeps.toy import call
     size=st.sampled_from(["m", "cm", "mm"]),
     angle=st.sampled_from(["rad", "deg"]),
     time=st.sampled_from(["s", "ms", "us", "ns"]),
-    box_z=st.sampled_from(["centre", "bottom"]),
+    anchor=st.sampled_from(["centre", "bottom"]),
     seed=st.integers(0, 1000),
 )
-def test_units_are_guessed(tmp_path_factory, position, size, angle, time, box_z, seed):
+def test_units_are_guessed(tmp_path_factory, position, size, angle, time, anchor, seed):
     log = traffic(seed)
-    origin = (0.0, 0.0, 0.33 if box_z == "centre" else 0.0)
-    manner = Manner(position, size, angle, time, box_z, origin=origin)
+    origin = (0.0, 0.0, 0.33 if anchor == "centre" else 0.0)
+    manner = Manner(position, size, angle, time, anchor, origin=origin)
     path = tmp_path_factory.mktemp("labels") / "labels.csv"
     write_in_manner(log, manner).to_csv(path, index=False)
     guess = parse_yaml(propose_mapping(path))
     wanted = mapping_of(log, manner)
-    for key in ("columns", "units", "box_z", "classes", "drives"):
+    for key in ("columns", "units", "anchor", "classes", "drives"):
         assert guess[key] == wanted[key]
     assert guess["origin"]["z"] == pytest.approx(origin[2], abs=0.006)
     assert guess["frames"] == {"rate_hz": 10.0}
@@ -128,7 +128,7 @@ def test_a_guess_is_not_overwritten(tmp_path):
     assert guess.read_text().startswith("# A guess from names and values of labels.csv: check")
     before = guess.read_text()
     result = convert(labels, "--propose", guess, code=2)
-    assert f"{guess}: is there already, and is not overwritten" in result.stderr
+    assert f"{guess}: exists, and is not overwritten" in result.stderr
     assert guess.read_text() == before
 
 
@@ -138,7 +138,9 @@ def test_what_nothing_tells_is_left_open(tmp_path):
     table["no"] = table["no"].map({"person": 1, "passenger_car": 2, "bicyclist": 3})
     table.to_csv(labels, index=False)
     convert(labels, "--propose", guess)
-    assert '  x:   # nothing tells it; other columns: "no, A: b"\n' in guess.read_text()
+    assert (
+        '  x:   # write the name of a column here; other columns: "no, A: b"\n' in guess.read_text()
+    )
     result = convert(labels, tmp_path / "log", "--mapping", guess, code=2)
     assert "guess.yaml: columns.category: expected a column, found no name" in result.stderr
 

@@ -41,11 +41,11 @@ def test_motion_shows_the_unit_of_yaw(poses, straight):
         assert small.abs().max() < math.pi
         assert list(implausible_units(with_yaw(log, small))) == []
     (value,) = implausible_motion(with_yaw(log, small))
-    assert value.remedy == "units.angle: deg"
+    assert value.remedy == "units.angle (yaw in deg)"
     assert not value.rows[log.boxes["class"] == "Pedestrian"].any()
     if not straight:
         (value,) = implausible_motion(with_yaw(log, np.radians(yaw)))
-        assert value.remedy == "units.angle: rad"
+        assert value.remedy == "units.angle (yaw in rad)"
 
 
 @settings(max_examples=10)
@@ -70,7 +70,7 @@ def test_a_vehicle_drives_where_it_heads(seed, turn):
     elif abs(turn) > 0.34:
         (value,) = values
         assert value.rows.sum() == 21
-        assert "21 of 24 frames (87.5%)" in value.where(shuffled.frames)
+        assert "21 of 24 frames (87.5 %)" in value.where(shuffled.frames)
 
 
 def test_routes_in_which_nothing_moves_are_no_copies():
@@ -87,7 +87,7 @@ def test_whole_numbers_are_degrees():
     yaw[:3] = 2, -1, 3
     (value,) = implausible_units(with_yaw(log, yaw))
     where = value.where(with_yaw(log, yaw).boxes)
-    assert where == "3 of 144 boxes (2.1%), the first in frame 0 with 2"
+    assert where == "3 of 144 boxes (2.1 %), the first in frame 0 with 2"
     yaw[2] = 3.1
     assert list(implausible_units(with_yaw(log, yaw))) == []
 

@@ -25,10 +25,11 @@ def write_search(folder: Path, **changes) -> Path:
     if not (folder / "log").exists():
         write_small_log(folder / "log")
     config = copy.deepcopy(SEARCH)
-    config["search"] |= changes.pop("search", {})
+    search = changes.pop("search", {})
+    config["search"] |= search
     for zone in config["search"]["zones"].values():
         zone.setdefault("standoff", None)  # what these tests are of is mounted anywhere
-    if any("lidars" in zone for zone in config["search"]["zones"].values()):
+    if "lidars" not in search and any("lidars" in z for z in config["search"]["zones"].values()):
         del config["search"]["lidars"]
     config |= {"scene": {"source": "log", "folder": str(folder / "log")}}
     config |= {"output": str(folder / "runs")} | changes

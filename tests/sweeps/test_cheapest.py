@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+import re
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -86,6 +87,7 @@ def drawn(seed, by):
         if "left" in zones:
             zones["left"]["mirrored"] = bool(random.random() < 0.7)
         next(iter(zones.values()))["lidars"] = [1, 2]
+        del keys["lidars"]
     constraints = {"distance": one_of(0.0, 0.2, 0.9)}
     for name, limit, share in (("price", 9, 0.3), ("body_share", 0.45, 0.3), ("facing", 0, 0.2)):
         if random.random() < share:
@@ -119,9 +121,12 @@ def least_of_all(problem):
         for parts in itertools.combinations(candidates, size):
             lidars = [lidar for rig in parts for lidar in rig]
             zones = [rig[0].zone for rig in parts]
-            counts = {n: zone.lidars for n, zone in search.zones.items() if zone.lidars is not None}
+            models = [lidar.model for lidar in lidars]
+            counts = {n: (zone.lidars, zones) for n, zone in search.zones.items() if zone.lidars}
+            counts |= {n: (m.count, models) for n, m in search.models.items() if m.count}
             if not low <= len(lidars) <= high or not all(
-                least <= zones.count(name) <= most for name, (least, most) in counts.items()
+                least <= names.count(name) <= most
+                for name, ((least, most), names) in counts.items()
             ):
                 continue
             rig = ordered([*fixed, *lidars])
@@ -156,6 +161,35 @@ def test_it_is_the_cheapest_of_all_rigs(tmp_path, monkeypatch, seed, by, by_cuts
         assert chosen.bound == math.inf
 
 
+COUNTS = yaml.safe_load("""
+- {lidars: 3, models: {wide: [0, 1], flash: [1, 2], lossy: [1, 1]}}
+- {lidars: [2, 4], models: {flash: 2}, zones: {left: [1, 1]}}
+- {lidars: [2, 3], models: {wide: [0, 1], flash: [0, 1]}, zones: {nose: [0, 1], left: [0, 1]}}
+- {lidars: 4, models: {wide: 3}}
+""")
+
+
+@pytest.mark.parametrize("counts", COUNTS)
+@pytest.mark.parametrize("by", ["lidars", "price"])
+def test_bounds_in_all_by_zone_and_by_model_are_kept(tmp_path, counts, by):
+    zones = {name: dict(zone) for name, zone in ZONES.items()}
+    zones["left"] |= {"mirrored": True, "models": {"flash": {"pitch_deg": 40}, "wide": {}}}
+    for name, bound in counts.get("zones", {}).items():
+        zones[name]["lidars"] = bound
+    models = {name: dict(model) for name, model in MODELS.items()}
+    for name, bound in counts["models"].items():
+        models[name]["count"] = bound
+    settings = {"cheapest": {"by": by}, "greedy": {"position_step": 0.7, "refine": 0}}
+    keys = SMALL | settings | {"zones": zones, "models": models, "lidars": counts["lidars"]}
+    problem = read_problem(write_search(tmp_path, search=keys | {"requirements": [ONE]}))
+    chosen = cheapest(problem)
+    assert (chosen.gap, chosen.fewest) == (0, len(chosen.rig))
+    assert (chosen.cost, chosen.fewest) == pytest.approx(least_of_all(problem))
+    for lidar in chosen.rig:
+        steep = (lidar.zone, lidar.model) == ("left", "flash")
+        assert math.degrees(lidar.mount.pitch) == pytest.approx(40 if steep else 0, abs=0.01)
+
+
 EASY = {"name": "somebody ahead", "where": {"x": [3, 5], "y": [-1, 1]}, "what": "Pedestrian"}
 EASY |= {"at_least": {"points": 6}, "step": 1.0, "also_when": {"one_lidar_dead": True}}
 SMALL = {"lidars": [1, 3], "models": MODELS, "requirements": [EASY], "objective": "price"}
@@ -188,6 +222,12 @@ def test_the_command_writes_a_rig_that_a_requirements_file_takes(tmp_path):
     assert outcome.met
     assert outcome.worst.value / 6 == pytest.approx(content["margin"])
     assert result.output.count("somebody ahead at x") == 2, "it says what each LiDAR is needed for"
+    page = (folder / "cheapest.html").read_text()
+    cells = re.findall(r"<td[^>]*>([^<]*)</td>", page)
+    assert [cell.partition(" at x")[0] for cell in cells].count("somebody ahead") == 3
+    assert cells[cells.index("together") :][:5] == ["together", "2", "–", "–", "5"]
+    assert "Least price, proven for the grid" in page
+    assert "no rig of the grid costs less than 5" in page
 
 
 ONE = EASY | {"also_when": {}}
@@ -211,7 +251,7 @@ FIXED = [{"x": 0.0, "y": 0.0, "z": 2.0, "model": "wide"}]
         (
             {"left": PAIR | {"lidars": [0, 1], "mirrored": True}},
             {"requirements": [LEFT]},
-            {"aside", "the pair: aside"},
+            {"without LiDAR 2, its mirror image, too: aside", "aside"},
         ),
     ],
 )
@@ -225,11 +265,26 @@ def test_each_lidar_has_a_reason(tmp_path, zones, changes, reasons):
     assert {reason.partition(" at x ")[0] for reason in why} == reasons
 
 
+def test_an_answer_says_that_a_pair_is_bought_together(tmp_path):
+    keys = {"zones": {"left": PAIR | {"lidars": [0, 1], "mirrored": True}}, "lidars": 2}
+    keys |= {"requirements": [LEFT]}
+    assert "LiDARs in left are in mirrored pairs: both of a pair are bought." in (
+        run(tmp_path, **keys).output
+    )
+    assert json.loads(run(tmp_path, "--json", **keys).output)["mirrored"] == ["left"]
+
+
 def test_refinement_leaves_out_what_is_not_needed(tmp_path):
     keys = SMALL | {"requirements": [ONE], "cheapest": {"by": "height"}}
     problem = read_problem(write_search(tmp_path, search=keys))
     wide = {rig[0].mount.y: rig[0] for rig in candidates_of(problem) if rig[0].model == "wide"}
-    rig = polish(problem, ordered([*wide.values()][::2]), None)
+    several = ordered([*wide.values()][::2])
+    assert set(needed_for(problem, several, None)) == {"nothing: the height is the same without it"}
+    by_price = read_problem(problem.path, ["search.cheapest.by=price"])
+    assert set(needed_for(by_price, several, None)) == {
+        "nothing: search.cheapest.seconds were over before it was left out"
+    }
+    rig = polish(problem, several, None)
     assert len(rig) == 1
     assert needed_for(problem, rig, None) == ["somebody ahead"]
 
@@ -248,6 +303,23 @@ def test_refinement_ends_in_time(tmp_path, monkeypatch):
     assert len(polish(problem, rig, None)) == len(rig)
 
 
+def test_the_file_of_a_rig_names_the_models_of_the_catalogue(tmp_path):
+    models = {
+        "front": {"name": "bpearl", "price": 3},
+        "bent": {"name": "xt32", "range": 50, "price": 6},
+    }
+    path = write_search(tmp_path, search=SMALL | {"models": models}, lidar="vlp16")
+    problem = read_problem(path)
+    lidars = [MountedLidar(name, "nose", Mount(2.45, y, 0.6)) for y, name in enumerate(models)]
+    rig = (*lidars, MountedLidar("lidar", "nose", Mount(2.45, 2.0, 0.6)))
+    written = tmp_path / "rig.yaml"
+    written.write_text(problem.placement_text(rig))
+    names = [mount["lidar"] for mount in yaml.safe_load(written.read_text())["mounts"]]
+    assert names == ["bpearl", {"name": "xt32", "range": 50.0}, "vlp16"]
+    expected = [problem.models[lidar.model] for lidar in rig]
+    assert [*read_placement(written, Lidar.paper()).lidars] == expected
+
+
 def test_none_is_feasible(tmp_path):
     run(tmp_path)
     far = EASY | {"at_least": {"points": 500}}
@@ -256,6 +328,9 @@ def test_none_is_feasible(tmp_path):
     assert "No rig of the grid meets everything, which is proven" in result.output
     assert "FAIL" in result.output
     assert not (tmp_path / "runs/small/cheapest/placement.yaml").exists()
+    page = (tmp_path / "runs/small/cheapest/cheapest.html").read_text()
+    assert "No rig passes" in page
+    assert re.search(r"this one is closest: somebody ahead has \d+ of 500 points", page)
     content = json.loads(run(tmp_path, "--json", requirements=[far]).output)
     assert (content["found"], content["bound"]) == (False, None)
     assert content["broken"] == ["requirement.somebody ahead"]

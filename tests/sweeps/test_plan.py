@@ -12,7 +12,7 @@ from lidarplace.rigs.weather import Weather
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.schedule import Schedule
 from sweeps.plan.plan import make_plan
-from sweeps.results.rig_cautions import MOST_NAMED, rig_cautions
+from sweeps.results.rig_cautions import MOST_NAMED, _percentages, rig_cautions
 from tests.refused import refused
 from tests.sweeps.small_log import write_small_log
 from training import build_detector, device
@@ -360,6 +360,12 @@ def test_cautions_name_lidars_that_see_little_or_the_vehicle(tmp_path):
     back, roof = rig_cautions(plan)
     assert back == "LiDARs cover less than 1 % of the ROI in 1 rig: back (LiDAR 2: 0 %)."
     assert roof.endswith("more than 25 % of the rays of LiDARs in 1 rig: roof (LiDAR 2: 75 %).")
+
+
+def test_shares_have_two_digits_without_powers_of_ten():
+    assert _percentages({1: 0.999, 2: 0.7549, 3: 0.00012}) == (
+        "LiDAR 1: 100 %, LiDAR 2: 75 %, LiDAR 3: 0.012 %"
+    )
 
 
 def test_of_many_rigs_whose_rings_coincide_those_with_the_most_are_named(tmp_path):

@@ -49,7 +49,7 @@ def test_noise_predicts_nothing():
     rng = np.random.default_rng(1)
     one = found(rng.normal(size=(8, 2)), s_mig=rng.normal(size=8), m_sog=rng.normal(size=8))[0]
     assert one.predictor == ""
-    assert "no surrogate is shown to predict it" in one.sentence
+    assert "no surrogate predicts it significantly" in one.sentence
 
 
 def test_a_significant_surrogate_that_mispredicts_is_no_predictor():

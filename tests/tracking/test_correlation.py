@@ -240,6 +240,9 @@ def test_a_share_of_objects_is_averaged_over_classes():
     ]
     summed = with_sums(pd.concat(parts)).query("`class` == 'all'")
     assert summed["value"].tolist() == pytest.approx([0.7] * 3)
+    parts.append(tables([5.0] * 3, np.zeros((3, 1)), "Pedestrian", "s_mig")[1])
+    summed = with_sums(pd.concat(parts)).query("surrogate == 'expected_recall'")
+    assert summed.query("`class` == 'all'")["value"].tolist() == pytest.approx([0.7] * 3)
 
 
 def test_a_sum_lacks_nothing_silently():

@@ -32,7 +32,9 @@ def test_of_many_findings_the_first_are_listed(analysis):
     assert f"The first {MOST_SENTENCES} of 12 cases; the table has all." in section.notes
     # 5 placements: a perfect order has p = 2 / 5!, times the tests.
     tests = int(analysis.correlations["spearman_tests"].iloc[0])
-    sentence = f" With 5 placements and {tests} tests not even a perfect order could be shown."
+    sentence = (
+        f" With 5 placements and {tests} tests not even a perfect order would be significant."
+    )
     assert all(note.endswith(sentence) for note in section.notes[:MOST_SENTENCES])
     assert len({row[1] for row in section.tables[0].rows}) == 4
 

@@ -115,7 +115,9 @@ def _sentence(group: dict[str, object], ranking: pd.DataFrame, predictor: str) -
     )
     name, evidence, comparison = surrogate_name(surrogate), f"({numbers}; {error})", ""
     if not predictor:
-        return f"{about}: no surrogate is shown to predict it. The strongest is {name} {evidence}."
+        return (
+            f"{about}: no surrogate predicts it significantly. The strongest is {name} {evidence}."
+        )
     if predictor == ranking.index[0]:  # which the others were compared with
         alike = ranking[(ranking["behind_low"] <= 0) & (ranking["same_as"] == "")].index
         names = ", ".join(surrogate_name(str(other)) for other in alike)
@@ -128,4 +130,4 @@ def _beyond_proof(estimates: pd.DataFrame) -> str:
     n, tests = int(estimates["n"].max()), int(estimates["spearman_tests"].max())
     if smallest_p(n) * tests <= SIGNIFICANT:
         return ""
-    return f" With {n} placements and {tests} tests not even a perfect order could be shown."
+    return f" With {n} placements and {tests} tests not even a perfect order would be significant."

@@ -72,20 +72,21 @@ def paired(
 def with_sums(surrogates: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
     """Add rows of class "all" to `surrogates`: those that are additive, summed over classes.
 
-    Means over objects stay such: they are averaged over classes. Either is NaN if the surrogate is
-    NaN for a class. Keeps placement, class, surrogate, value and
+    Means over objects stay such: they are averaged over the classes that have them. Either is NaN
+    if the surrogate is NaN for a class. Keeps placement, class, surrogate, value and
     those of detector and `axes` that are columns."""
     depends = _depends(surrogates, axes)
     single = surrogates[["placement", "class", *depends, "surrogate", "value"]]
     additive = [name for name, definition in SURROGATES.items() if definition.additive]
-    total = (
+    averaged = [name for name in additive if SURROGATES[name].of_objects]
+    of_all = (
         single[single["surrogate"].isin(additive)]
         .groupby(["placement", *depends, "surrogate"], dropna=False, sort=False)["value"]
-        .agg(lambda values: values.sum(skipna=False))
+        .agg(value=lambda values: values.sum(skipna=False), classes="size")
+        .reset_index()
+        .assign(**{"class": "all"})
     )
-    of_all = total.reset_index().assign(**{"class": "all"})
-    averaged = [name for name in additive if SURROGATES[name].of_objects]
-    of_all["value"] /= np.where(of_all["surrogate"].isin(averaged), single["class"].nunique(), 1)
+    of_all["value"] /= of_all.pop("classes").where(of_all["surrogate"].isin(averaged), 1)
     return pd.concat([single, of_all], ignore_index=True)
 
 

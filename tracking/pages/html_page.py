@@ -126,7 +126,7 @@ def write_markdown(
     last: Mapping[str, str],
     page: str,
 ) -> Path:
-    """Write sentences, tables and the names of figures to `target`; return it.
+    """Write sentences, pictures, tables and the names of figures to `target`; return it.
 
     `first` are blocks of Markdown below the title, `last` verbatim texts at the end by heading,
     `page` the file name of the HTML page, which has the figures."""
@@ -134,6 +134,7 @@ def write_markdown(
     for section in sections:
         blocks += [f"## {escaped(section.title)}", *map(escaped, section.notes)]
         blocks += [f"[{escaped(words)}]({address})" for address, words in section.links.items()]
+        blocks += [f"![{Path(picture).stem}]({picture})" for picture in section.pictures]
         if section.figures:
             titles = (figure_title(figure) or section.title for figure in section.figures)
             names = "; ".join(map(escaped, titles))

@@ -165,7 +165,7 @@ class Section:
 
     A `folded` one shows its heading until it is opened, or printed. Those on the first screen are
     its "head", and the "picture" beside the answer, without a heading. `links` are words by
-    address, below the sentences."""
+    address, below the sentences; `pictures` addresses of PNGs that Markdown has for figures."""
 
     title: str
     notes: list[str] = field(default_factory=list)
@@ -175,6 +175,7 @@ class Section:
     folded: bool = False
     place: Literal["page", "head", "picture"] = "page"
     links: dict[str, str] = field(default_factory=dict)
+    pictures: list[str] = field(default_factory=list)
 
     @property
     def anchor(self) -> str:

@@ -17,6 +17,7 @@ from tracking.report.cautions import cautions
 from tracking.report.decision.build import write_decision
 from tracking.report.failures import write_failures
 from tracking.report.headline import Statement, surrogate_statements
+from tracking.report.paper_figures import write_pictures
 from tracking.report.recommendation import Answer
 from tracking.report.sections.ablations import density_section, tilts_section
 from tracking.report.sections.accuracy import accuracy_section
@@ -47,6 +48,8 @@ from tracking.run_folders.arrays import FailureFrames
 from tracking.run_folders.sweep import RunFolder
 
 _log = logging.getLogger(__name__)
+FIGURES = "figures"
+"""Folder of a run for its figures as files."""
 _PAGES = {"decision.html": "Decision", "report.html": "Research report"}
 
 
@@ -63,8 +66,8 @@ def write_report(analysis: Analysis, frames: FailureFrames | None) -> Path:
 
     `report.html` and, with results, `decision.html` and `failures.html` are one file each that
     loads nothing from a network, see `tracking.pages.html_page`. `report.md` and `tables/` hold the
-    tables of the report, rounded and raw. `frames` are those of `Analysis.pair`; frames of other
-    rigs, which an older run folder may have, are not shown."""
+    tables of the report, rounded and raw, and `figures/` pictures for `report.md`. `frames` are
+    those of `Analysis.pair`; frames of other rigs, as of an older run folder, are ignored."""
     run, answer = analysis.run, analysis.answer
     by_name = dict(_sections(analysis))
     sections = list(by_name.values())
@@ -86,7 +89,7 @@ def write_report(analysis: Analysis, frames: FailureFrames | None) -> Path:
     page = pages.write_page(
         run.path / "report.html",
         Path(__file__).with_name("report.html"),
-        [_picture(by_name), *sections],
+        [*_pictures(by_name), *sections],
         name=run.sweep.name,
         run=run,
         decision=decision.name if decision else None,
@@ -97,6 +100,8 @@ def write_report(analysis: Analysis, frames: FailureFrames | None) -> Path:
         warnings=warnings,
         sweep=json.dumps(sweep, indent=2, default=str),
     )
+    for name, picture in write_pictures(analysis, run.path / FIGURES, by_name):
+        by_name[name].pictures.append(f"{FIGURES}/{picture.name}")
     blocks = [*_first_blocks(statements, answer, extent, warnings)]
     verbatim = {"Command": run.sweep.command, "Configuration": run.config}
     pages.write_markdown(
@@ -179,16 +184,18 @@ def _sections(analysis: Analysis) -> Iterator[tuple[str, Section]]:
             _log.warning("plug-in left out: section %s", error)
             continue
         if section is not None:
-            unfolded = ("placements" if analysis.run.results.empty else "best", "accuracy")
-            section.folded = section.place == "page" and name not in unfolded
+            first = "placements" if analysis.run.results.empty else "best"
+            section.folded = section.place == "page" and name != first
             yield name, section
 
 
-def _picture(by_name: Mapping[str, Section]) -> Section:
-    """Move figures to the first screen: of the deciding metric, and of recall where AP decides."""
-    section = by_name.get("best") or by_name.get("rigs") or Section("")
-    figures, section.figures = section.figures[:1], section.figures[1:]
-    return Section(section.title, section.notes[:1], figures, place="picture")
+def _pictures(by_name: Mapping[str, Section]) -> Iterator[Section]:
+    """Move figures of placements and of error against run time to the first screens."""
+    for section in filter(
+        None, (by_name.get("best", by_name.get("rigs")), by_name.get("accuracy"))
+    ):
+        figures, section.figures = section.figures[:1], section.figures[1:]
+        yield Section(section.title, section.notes[:1], figures, place="picture")
 
 
 def _write_failures(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
@@ -52,17 +52,24 @@ class Constraint(Part):
     sense: Literal["at most", "at least"]
 
 
-class Zone(Part):
+class Angles(Part):
+    """Lowest and highest angles of a mount, degrees."""
+
+    roll_deg: tuple[float, float]
+    pitch_deg: tuple[float, float]
+    yaw_deg: tuple[float, float]
+
+
+class Zone(Angles):
     """Zone for LiDARs: a polygon from above, corners in metres, between two heights.
 
-    Angles are the lowest and the highest of a mount there, degrees."""
+    `models`: angles of the models that the zone names. `mirrored`: LiDARs are in mirrored pairs."""
 
     name: str
     polygon: tuple[tuple[float, float], ...]
     z: tuple[float, float]
-    roll_deg: tuple[float, float]
-    pitch_deg: tuple[float, float]
-    yaw_deg: tuple[float, float]
+    models: dict[str, Angles] = Field(default={})
+    mirrored: bool = False
 
 
 class Model(Part):

@@ -18,6 +18,7 @@ from lidarplace.files.regular import is_there
 from lidarplace.pog.surrogates.table import SURROGATES as KNOWN
 from lidarplace.rigs.placement import Mount
 from tracking.run_folders.arrays import FailureFrames, Frame, Grounds, Maps
+from tracking.run_folders.search_json import SearchResult
 from tracking.run_folders.sweep_json import SweepResult
 from tracking.run_folders.sweep_tables import RESULTS, SURROGATES, TABLES, TRIALS
 
@@ -79,6 +80,8 @@ class RunFolder:
         if missing == required and (path / _LOCK).is_file():
             fix = f"{command('status', 'FILE')} shows its progress, FILE being its configuration"
             raise InputError("no results yet, its sweep has not finished", place=path, fix=fix)
+        if SweepResult.FILE in missing and is_there(path / SearchResult.FILE):
+            raise InputError("the folder of a search", expected="that of a sweep", place=path)
         if missing:
             raise InputError(f"not a run folder; missing {', '.join(missing)}", place=path)
         sweep = SweepResult.read(path)

@@ -87,11 +87,13 @@ def at_the_edge(rig: Rig, zones: tuple[Zone, ...]) -> list[str]:
     a full turn have no edge."""
     by_name = {zone.name: zone for zone in zones}
     lidars_at_edge = []
-    for i, (mount, name) in enumerate(zip(rig.placed, rig.zones, strict=True), start=1):
+    lidars = zip(rig.placed, rig.zones, rig.models, strict=True)
+    for i, (mount, name, model) in enumerate(lidars, start=1):
         zone = by_name.get(name or "")
         if zone is None or mount.y < min(y for _, y in zone.polygon) - _NEAR:
             continue
         edges, (low, high), at = [], zone.z, (mount.x, mount.y)
+        angles = zone.models.get(model, zone)
         if len(zone.polygon) > 2 and dist(nearest_of_boundary(zone.polygon, *at), at) < _NEAR:
             edges.append("x, y")
         if high > low and min(abs(mount.z - low), abs(mount.z - high)) < _NEAR:
@@ -99,7 +101,7 @@ def at_the_edge(rig: Rig, zones: tuple[Zone, ...]) -> list[str]:
         edges += [
             angle
             for angle in ("roll", "pitch", "yaw")
-            if _extreme(np.degrees(getattr(mount, angle)), getattr(zone, f"{angle}_deg"))
+            if _extreme(np.degrees(getattr(mount, angle)), getattr(angles, f"{angle}_deg"))
         ]
         if edges:
             lidars_at_edge.append(f"LiDAR {i}: {', '.join(edges)}")

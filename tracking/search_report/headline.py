@@ -1,5 +1,7 @@
 """Headline of a search: the best rig, against the paper's eight and the bound, and what is next."""
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +47,7 @@ def next_steps(run: SearchFolder) -> list[Command]:
     few = _few_seeds(run)
     if not few or "pretrained" in run.search.first.name.split("."):  # of which there is one
         return [*run.search.commands]
-    step = "too little is known to choose a rig: judge with more generalists"
+    step = "not enough evidence to choose a rig: evaluate with more generalists"
     return [Command(what=step, line=remedy(run.search.command, few)), *run.search.commands]
 
 
@@ -77,13 +79,22 @@ def _found(run: SearchFolder) -> Card:
         peers = sorted({*search.rigs[search.baseline].models})
         lines.append(f"The paper's rigs are of LiDAR {', '.join(peers)}.")
     lines += _against_bound(search)
-    count, models = len(search.constraints), sorted({*rig.models})
+    count = len(search.constraints)
     constraints_kept = f"it keeps all {count} constraints" if count else "there were no constraints"
     lines.append(f"Feasible: {constraints_kept}.")
+    numbers = sorted(Counter(rig.models).items())
+    models = (f"{number} {name}" if numbers[1:] else name for name, number in numbers)
     lines.append(f"{len(rig.mounts)} LiDAR{'s' * (len(rig.mounts) > 1)}: {', '.join(models)}.")
+    pairs = sorted({zone.name for zone in search.zones if zone.mirrored} & {*rig.zones})
+    lines += [pairs_sentence(pairs)] if pairs else []
     first = f"{of_front(search)}, the first is" if search.front else "Best of the search:"
     value = f"{search.first.name} {with_unit(search.first, rig.value(search.first))}"
     return Card(f"{first} {name}", value, tuple(lines))
+
+
+def pairs_sentence(zones: Iterable[str]) -> str:
+    """State that the LiDARs of zones are bought in pairs."""
+    return f"LiDARs in {', '.join(zones)} are in mirrored pairs: both of a pair are bought."
 
 
 def best_of_paper(search: SearchResult) -> str:

@@ -23,7 +23,7 @@ class Poses:
     def of_boxes(cls, boxes: pd.DataFrame) -> "Poses":
         """Return the poses of boxes, from their `GEOMETRY`."""
         turns = Rotation.from_euler("z", boxes[["yaw"]].to_numpy(np.float64))
-        return cls(boxes[list("xyz")].to_numpy(np.float64), turns)
+        return cls(boxes[list("xyz")].to_numpy(np.float64, copy=True), turns)
 
     def __getitem__(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> "Poses":
         # Not self.rotation[rows], which refuses to take nothing from nothing.

@@ -1,5 +1,7 @@
 """Frames from time stamps, routes and splits from recordings."""
 
+from contextlib import suppress
+from datetime import UTC, datetime
 from typing import NamedTuple
 
 import numpy as np
@@ -7,10 +9,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
+from lidarplace.base.number_text import percent
 from lidarplace.base.ranges import FRAMES
-from lidarplace.files.columns import integers, numbers, texts
+from lidarplace.files.columns import check_values, integers, numbers, texts
+from lidarplace.logs.boxes import first
 from lidarplace.scenes.label_tables.mapping import TableMapping
-from lidarplace.scenes.label_tables.units import SECONDS
+from lidarplace.scenes.label_tables.units import SECONDS, TimeUnit
 
 OFF_GRID = 0.25  # by so much of a frame's duration may time stamps differ from an even rate
 DRIVE = "log"  # scene of a file that has no column of drives
@@ -26,12 +30,40 @@ class Stamps(NamedTuple):
 
 
 def read_stamps(
-    table: pd.DataFrame, drive: str | None, stamp: str, whole: bool, source: str
+    table: pd.DataFrame, drive: str | None, stamp: str, unit: TimeUnit | None, source: str
 ) -> Stamps:
-    """Read drive and time (or, if `whole`, frame number) of every row; raise ValueError."""
+    """Read drive and time of every row, or its frame number without a `unit`.
+
+    Dates become microseconds since 1970. Raises ValueError for values that are none."""
     names = np.full(len(table), DRIVE, object) if drive is None else texts(table, drive, source)
-    values = integers(table, stamp, source) if whole else numbers(table, [stamp], source)[:, 0]
-    return Stamps(names, values.astype(np.float64))
+    if unit is None:
+        return Stamps(names, integers(table, stamp, source).astype(np.float64))
+    dates = pd.Series(pd.NaT, index=table.index)
+    if unit == "iso" or not pd.api.types.is_numeric_dtype(table[stamp]):
+        dates = read_dates(table[stamp])
+    if unit == "iso":
+        check_values(table, [stamp], dates.isna(), "a date of ISO 8601", source)
+        epoch = pd.Timestamp(0, tz="UTC")
+        microseconds = (dates - epoch) / pd.Timedelta("1us")
+        return Stamps(names, np.asarray(microseconds.to_numpy(np.float64)))
+    if (row := first(dates.notna().to_numpy())) is not None:
+        found, expected = str(table[stamp].iloc[row]), f"numbers, as units.time is {unit}"
+        where = {"place": f"{source}: row {row}", "key": stamp, "found": found}
+        raise InputError("a date", **where, expected=expected, fix="write `units: {time: iso}`")
+    return Stamps(names, numbers(table, [stamp], source)[:, 0])
+
+
+def read_dates(column: pd.Series) -> pd.Series:
+    """Return dates of ISO 8601 with any zone, UTC without one; NaT where a value is none."""
+    dates = column.where(column.map(lambda value: isinstance(value, str | datetime)))
+    return pd.to_datetime(dates.map(_date), utc=True, errors="coerce")
+
+
+def _date(value: object) -> datetime | None:
+    with suppress(ValueError, TypeError, OverflowError):
+        date = value if isinstance(value, datetime) else datetime.fromisoformat(str(value))
+        return date if date.tzinfo else date.replace(tzinfo=UTC)
+    return None
 
 
 def frames_of(
@@ -83,8 +115,9 @@ def _frames_of_drive(
             last, count = time, count + whole
         number[i] = count
     if off.any():
-        problem = f"{off[of_row].mean():.1%} of the rows of a drive are more than a quarter of a "
-        problem += f"frame off a rate of {rate:g} Hz, the first with {times[np.argmax(off)]:.16g}"
+        problem = f"{percent(off[of_row].mean(), '.1f')} of the rows of a drive are more than a "
+        problem += f"quarter of a frame off a rate of {rate:g} Hz, "
+        problem += f"the first with {times[np.argmax(off)]:.16g}"
         fix = "change frames.rate_hz or units.time"
         raise InputError(problem, place=source, key=mapping.stamp, fix=fix)
     labelled, first = np.unique(number, return_index=True)

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import SequenceMatcher
 from pathlib import Path
@@ -12,12 +13,19 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from lidarplace.base.errors import InputError
-from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.base.number_text import percent
+from lidarplace.configuration.yaml import parse_yaml, read_yaml_file
 from lidarplace.logs.boxes import SIZE
 from lidarplace.logs.plausibility import SIZES
-from lidarplace.scenes.datasets.tabular import read_table
+from lidarplace.rigs.rotations import MOST_OFF
 from lidarplace.scenes.label_tables import units
-from lidarplace.scenes.label_tables.mapping import Columns
+from lidarplace.scenes.label_tables.evidence import convention_lines
+from lidarplace.scenes.label_tables.files import read_label_file
+from lidarplace.scenes.label_tables.frames import read_dates
+from lidarplace.scenes.label_tables.mapping import TableMapping
+from lidarplace.scenes.label_tables.read import read_labels
+from lidarplace.scenes.label_tables.units import plain
+from lidarplace.scenes.sanity_checks.boxes import SIDES_M
 
 ALIKE = 0.8  # names less alike than this share of their letters are not taken for each other
 _NAMES = read_yaml_file(Path(__file__).with_name("names.yaml"))
@@ -27,6 +35,7 @@ _STEM = re.compile("|".join(f"(?P<{word}>{stems})" for word, stems in _NAMES["st
 TEST_SHARE = 0.2
 MOST_CATEGORIES = 200
 NEAR_GROUND_M = 0.1
+REQUIRED = ("category", "x", "y", "z", "length", "width", "height", "yaw")
 
 
 def propose_mapping(path: Path) -> str:
@@ -34,15 +43,46 @@ def propose_mapping(path: Path) -> str:
 
     A column that its name does not identify is a key without value, an error to who reads it.
     Raises ValueError if the file cannot be read, or has no rows."""
-    table = read_table(path, ())
+    table = read_label_file(path, ())
     if table.empty:
         raise InputError("no rows", place=path)
     table.columns = table.columns.map(str)
     columns = guess_columns(list(table.columns))
     if "time" in columns:
         columns.pop("frame", None)
+    columns = {**columns, **_quaternion(table, columns)}
+    if "quaternion.w" in columns:
+        columns.pop("yaw", None)
     head = f"# A guess from names and values of {path.name}: check every line of it."
-    return "\n".join([head, *_Proposal(table, columns).lines(), ""])
+    proposal = _Proposal(table, columns)
+    lines = [head, *proposal.lines(), ""]
+    text = "\n".join(lines)
+    try:
+        mapping = TableMapping.model_validate(parse_yaml(text))
+        log = read_labels(table, mapping, Counter(), path.name)
+    except ValueError:  # an open key, or values that converting names
+        return text
+    return "\n".join([*lines[:-1], *convention_lines(log, mapping), ""])
+
+
+def _quaternion(table: pd.DataFrame, columns: Mapping[str, str]) -> dict[str, str]:
+    """Return four columns in a row that are quaternions by their length, and not named for more.
+
+    Of the orders w, x, y, z and x, y, z, w the one in which objects are upright."""
+    rest = [name for name in table.columns if name not in columns.values()]
+    for four in zip(rest, rest[1:], rest[2:], rest[3:], strict=False):
+        if not all(pd.api.types.is_numeric_dtype(table[name]) for name in four):
+            continue
+        values = table[list(four)].to_numpy(np.float64)
+        if not (np.abs(np.linalg.norm(values, axis=1) - 1) <= MOST_OFF).all():
+            continue
+        named = {plain(name)[-1]: name for name in four}
+        if {*named} == {*"wxyz"}:
+            return {f"quaternion.{axis}": name for axis, name in named.items()}
+        tilt = [np.abs(values[:, columns_of]).sum() for columns_of in ([1, 2], [0, 1])]
+        order = "wxyz" if tilt[0] < tilt[1] else "xyzw"
+        return {f"quaternion.{axis}": name for axis, name in zip(order, four, strict=True)}
+    return {}
 
 
 class _Proposal:
@@ -50,6 +90,10 @@ class _Proposal:
 
     def __init__(self, table: pd.DataFrame, columns: dict[str, str]) -> None:
         self.table, self.columns = table, columns
+        self.dates: pd.Series | None = None
+        if "time" in columns and not pd.api.types.is_numeric_dtype(table[columns["time"]]):
+            dates = read_dates(table[columns["time"]])
+            self.dates = dates if dates.notna().mean() > 0.5 else None
         x, y, z = (self._numbers(axis) for axis in "xyz")
         ego_x, ego_y, ego_z = (self._numbers(f"poses.{axis}") for axis in "xyz")
         relative = np.hypot(x - ego_x, y - ego_y)
@@ -61,6 +105,7 @@ class _Proposal:
         self.position = units.guess_length(x_name, distance, units.DISTANCES, "distance")
         self.size = units.guess_length(length, _median(longest), SIZES, "the longest side")
         self.z = z - np.nan_to_num(ego_z) if self.in_world else z
+        self.half = _is_half(table, columns, units.METRES[self.size.unit])
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the YAML document."""
@@ -68,11 +113,14 @@ class _Proposal:
         yield "units:"
         yield "  position: {}   # {}".format(*self.position)
         yield "  size: {}   # {}".format(*self.size)
-        yield self._angle("yaw")
+        if "yaw" in self.columns:
+            yield self._angle("yaw")
         frames = []
         if "time" in self.columns:
             latest, step = float(pd.Series(self._numbers("time")).max()), self._step()
-            time = units.guess_time(self.columns["time"], latest, step)
+            time = units.Guess("iso", "dates of ISO 8601")
+            if self.dates is None:
+                time = units.guess_time(self.columns["time"], latest, step)
             yield "  time: {}   # {}".format(*time)
             if (seconds := step * units.SECONDS[time.unit]) > 0:
                 rate = f"  rate_hz: {_rate(seconds)}   # {seconds:.4g} s from time to time"
@@ -85,6 +133,9 @@ class _Proposal:
     def _numbers(self, key: str) -> NDArray[np.float64]:
         if key not in self.columns:
             return np.full(len(self.table), np.nan)
+        if key == "time" and self.dates is not None:
+            epoch = pd.Timestamp(0, tz="UTC")
+            return np.asarray((self.dates - epoch) / pd.Timedelta("1us"), np.float64)
         numbers = pd.to_numeric(self.table[self.columns[key]], errors="coerce")
         return np.asarray(numbers.to_numpy(np.float64, na_value=np.nan))
 
@@ -103,21 +154,28 @@ class _Proposal:
     def _columns(self) -> Iterator[str]:
         rest = [name for name in self.table.columns if name not in self.columns.values()]
         yield "columns:"
-        for key, field in Columns.model_fields.items():
+        for key in USUAL:
+            if key.startswith("poses."):
+                continue
             if key in self.columns:
                 yield f"  {key}: {_text(self.columns[key])}"
-            elif field.is_required() or (key == "time" and "frame" not in self.columns):
+            elif key == "yaw" and "quaternion.w" in self.columns:
+                names = (f"{a}: {_text(self.columns[f'quaternion.{a}'])}" for a in "xyzw")
+                yield f"  quaternion: {{{', '.join(names)}}}   # of length 1"
+            elif key in REQUIRED or (key == "time" and "frame" not in self.columns):
                 others = _text(", ".join(rest) or "none")
-                yield f"  {key}:   # nothing tells it; other columns: {others}"
+                yield f"  {key}:   # write the name of a column here; other columns: {others}"
 
     def _place(self) -> Iterator[str]:
-        height = self._numbers("height") * units.METRES[self.size.unit]
+        if self.half:
+            yield f"size: half   # {self.half}"
+        height = self._numbers("height") * units.METRES[self.size.unit] * (2 if self.half else 1)
         z = self.z * units.METRES[self.position.unit]
         centre, bottom = (_median(low) for low in (z - height / 2, z))
         at_bottom = abs(bottom) < min(abs(centre), NEAR_GROUND_M)
         at, ground = ("bottom", bottom) if at_bottom else ("centre", centre)
         why = f"z is {bottom:.2f} m in the median, z less half the height {centre:.2f} m"
-        yield f"box_z: {at}   # {why}"
+        yield f"anchor: {at}   # {why}"
         lift = 0.0 if not abs(ground) > NEAR_GROUND_M else -ground
         yield "origin:   # of the file's vehicle frame, seen from the ground under the centre"
         yield "  x: 0.0   # no value tells it; a rear axle is behind the centre: -1.4, say"
@@ -139,7 +197,8 @@ class _Proposal:
         counts = self.table[self.columns["category"]].astype(str).value_counts()
         for name, count in counts.iloc[:MOST_CATEGORIES].items():
             class_name = _class_in(str(name)) or "null"
-            yield f"  {_text(str(name))}: {class_name}   # {count / len(self.table):.1%}"
+            share = percent(count / len(self.table), ".1f")
+            yield f"  {_text(str(name))}: {class_name}   # {share}"
 
     def _drives(self) -> Iterator[str]:
         if "drive" not in self.columns:
@@ -148,6 +207,20 @@ class _Proposal:
         test = names[len(names) - max(round(TEST_SHARE * len(names)), len(names) > 1) :]
         yield "drives:   # those that are not test are train"
         yield f"  test: [{', '.join(map(_text, test))}]"
+
+
+def _is_half(table: pd.DataFrame, columns: Mapping[str, str], metres: float) -> str:
+    """Return the evidence that sizes are half: cars that are possible twice as large alone."""
+    names = [columns.get(key, "") for key in (*SIZE, "category")]
+    if "" in names:
+        return ""
+    cars = table[names[3]].map(lambda name: _class_in(str(name))) == "Car"
+    sizes = table.loc[cars, names[:3]].apply(pd.to_numeric, errors="coerce")
+    median = metres * sizes.median().to_numpy(np.float64)
+    low, high = SIDES_M["Car"]
+    possible = [bool(((low <= m) & (m <= high)).all()) for m in (median, 2 * median)]
+    text = " x ".join(f"{side:.3g}" for side in median)
+    return f"a Car is {text} m in the median" if possible == [False, True] else ""
 
 
 def _class_in(category: str) -> str | None:

@@ -12,16 +12,19 @@ from scipy.spatial.transform import Rotation
 
 from lidarplace.base.class_names import IGNORE
 from lidarplace.base.errors import InputError
+from lidarplace.base.number_text import percent
 from lidarplace.files.columns import counts_if_known, numbers, sizes, texts
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import FRAME_COLUMNS, GEOMETRY, POINTS, POSE_COLUMNS, SIZE, first
+from lidarplace.logs.convention import Convention
 from lidarplace.logs.plausibility import over_two_turns
+from lidarplace.rigs.rotations import rotations
 from lidarplace.scenes.datasets.class_maps import classified
 from lidarplace.scenes.datasets.se3 import Poses
-from lidarplace.scenes.datasets.tabular import read_table
+from lidarplace.scenes.label_tables.files import read_label_file
 from lidarplace.scenes.label_tables.frames import Stamps, frames_of, read_stamps
-from lidarplace.scenes.label_tables.mapping import EgoPoses, TableMapping
-from lidarplace.scenes.label_tables.units import METRES, RADIANS, SECONDS
+from lidarplace.scenes.label_tables.mapping import EgoPoses, Heading, TableMapping, names_in
+from lidarplace.scenes.label_tables.units import SECONDS
 
 SLACK_S = 0.1  # boxes may be by so much earlier than the first pose, or later than the last
 
@@ -45,7 +48,9 @@ class Track(NamedTuple):
                 raise InputError(f"no pose of drive {drive!r}", place=self.source, key="poses")
             outside = (value < time[0] - self.slack) | (value > time[-1] + self.slack)
             if outside.any():
-                problem = f"{outside.mean():.1%} of the times of drive {drive!r} have none"
+                problem = (
+                    f"{percent(outside.mean(), '.1f')} of the times of drive {drive!r} have none"
+                )
                 expected = f"{time[0]:.16g} to {time[-1]:.16g}"
                 parts = {"expected": expected, "found": f"{value[np.argmax(outside)]:.16g}"}
                 raise InputError(problem, place=self.source, key="poses", **parts)
@@ -62,23 +67,45 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
     drive, stamp = mapping.columns.drive, mapping.stamp
     if poses.file is not None:
         drive, stamp = poses.drive or drive, poses.stamp or stamp
-        table, source = read_table(poses.file, [drive] if drive else []), str(poses.file)
-    names = {f"poses.{key}": getattr(poses, key) for key in ("x", "y", "z", "yaw")}
+        table, source = read_label_file(poses.file, [drive] if drive else []), str(poses.file)
+    keys = ("x", "y", "z", "yaw", "quaternion", "direction")
+    names = {f"poses.{key}": name for key, name in names_in(poses, *keys).items()}
     check_mapped(table, names | {"poses.drive": drive, "poses.stamp": stamp}, source)
-    of_time = mapping.columns.time is not None
-    pose = np.zeros((len(table), 4))
-    units = [METRES[poses.position]] * 3 + [RADIANS[poses.angle or mapping.units.angle]]
-    for column, (name, unit) in enumerate(zip(names.values(), units, strict=True)):
-        if name is not None:
-            pose[:, column] = numbers(table, [name], source)[:, 0] * unit
-    turned = over_two_turns(pose[:, 3])
+    unit, convention = mapping.stamp_unit, mapping.of_poses()
+    place = _wide(numbers(table, [*names_in(poses, "x", "y", "z").values()], source))
+    yaw = _yaws(table, poses, convention, source)
+    turned = over_two_turns(yaw - convention.turn)
     if (row := first(turned)) is not None and "poses" not in mapping.accept:
-        problem = f"{turned.mean():.1%} of the rows are over two turns of radians, the first is "
-        problem += f"row {row} with {pose[row, 3]:g}"
+        problem = f"{percent(turned.mean(), '.1f')} of the rows are over two turns of radians, the "
+        problem += f"first is row {row} with {yaw[row] - convention.turn:g}"
         fix = "change poses.angle of the mapping, or accept the values: accept: [poses]"
-        raise InputError(problem, place=source, key=poses.yaw, fix=fix)
-    slack = SLACK_S / SECONDS[mapping.units.time] if of_time else 0.0
-    return Track(read_stamps(table, drive, stamp, not of_time, source), pose, source, slack)
+        key = mapping.column("ego_yaw")
+        raise InputError(problem, place=source, key=key, fix=fix)
+    slack = 0.0 if unit is None else SLACK_S / SECONDS[unit]
+    pose = np.column_stack([convention.places(place), yaw])
+    return Track(read_stamps(table, drive, stamp, unit, source), pose, source, slack)
+
+
+def _yaws(
+    table: pd.DataFrame, columns: Heading, convention: Convention, source: str
+) -> NDArray[np.float64]:
+    """Return yaws in our axes, radians, (rows,), of any way to write a heading."""
+    if columns.yaw is not None:
+        return convention.yaws(numbers(table, [columns.yaw], source)[:, 0])
+    names = list(names_in(columns, "quaternion", "direction").values())
+    values = numbers(table, names, source)
+    if columns.quaternion is not None:
+        turns = rotations(values, lambda row: f"{source}: row {row}: {', '.join(names)}")
+        return convention.yaws_of(turns.as_matrix().reshape(-1, 3, 3))
+    if (row := first(~values.any(axis=1))) is not None:
+        place, key = f"{source}: row {row}", ", ".join(names)
+        raise InputError("the direction is 0", place=place, key=key)
+    return convention.yaws_along(_wide(values))
+
+
+def _wide(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return vectors with a third component, 0 where there is none; (n, 3)."""
+    return np.hstack([values, np.zeros((len(values), 3 - values.shape[1]))])
 
 
 def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -> BoxLog:
@@ -87,12 +114,29 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
     `ignored` gets the number of boxes left out by category. Raises ValueError that names file and
     column if one is missing, a value is none, a category is in no class, an object is twice in a
     frame, or time stamps, drives or poses do not fit."""
-    columns, source = mapping.columns, str(path)
+    columns = mapping.columns
     names = (columns.drive, columns.object, columns.category)
-    table = read_table(path, filter(None, names))
-    check_mapped(table, {f"columns.{key}": name for key, name in columns}, source)
-    stamps = read_stamps(table, columns.drive, mapping.stamp, columns.time is None, source)
+    return read_labels(read_label_file(path, filter(None, names)), mapping, ignored, str(path))
+
+
+def read_labels(
+    table: pd.DataFrame, mapping: TableMapping, ignored: Counter[str], source: str
+) -> BoxLog:
+    """Read the boxes of a table, see `read_label_table`.
+
+    A row that has drive and time but nothing of a box is a frame, which may be empty."""
+    columns = mapping.columns
+    if mapping.yaw.is_open:
+        problem = "clockwise and counterclockwise fit the values"
+        expected, fix = "one of the two", "--preview PAGE draws both"
+        raise InputError(problem, key="yaw.sense", expected=expected, found="no value", fix=fix)
+    check_mapped(table, {f"columns.{key}": name for key, name in names_in(columns).items()}, source)
+    stamps = read_stamps(table, columns.drive, mapping.stamp, mapping.stamp_unit, source)
     frames, frame = frames_of(stamps, mapping, source)
+    of_box = [n for key, n in names_in(columns).items() if key not in ("drive", "time", "frame")]
+    if not (filled := table[of_box].notna().any(axis=1).to_numpy()).all():
+        table, frame = table[filled].reset_index(drop=True), frame[filled]
+        stamps = Stamps(stamps.drive[filled], stamps.value[filled])
     boxes = pd.DataFrame(_geometry(table, mapping, source), columns=list(GEOMETRY))
     poses = None
     if mapping.poses is not None:
@@ -102,8 +146,10 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
             vehicle = track.at(stamps)
             boxes[list("xyz")] = Poses.of_boxes(boxes).seen_from(vehicle).position
             boxes["yaw"] -= vehicle.yaw
-    for axis in "xyz":
-        boxes[axis] += getattr(mapping.origin, axis)
+    turn = Rotation.from_euler("z", [[mapping.origin.yaw]])
+    origin = Poses(np.array([mapping.origin.xyz]), turn)[np.zeros(len(boxes), np.int64)]
+    boxes[list("xyz")] = Poses.of_boxes(boxes).posed_by(origin).position
+    boxes["yaw"] += mapping.origin.yaw
     boxes["class"] = _classes(table, mapping, source)
     boxes["scene"], boxes["frame"] = stamps.drive, frame
     boxes["timestamp_s"] = frames["timestamp_s"].to_numpy()[frame]
@@ -115,20 +161,18 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
     _check_objects(boxes[boxes["class"] != IGNORE], mapping, source)
     frames = frames[list(FRAME_COLUMNS)]
     if poses is not None:
-        ego = poses.moved([-mapping.origin.x, -mapping.origin.y, -mapping.origin.z]).ego_columns()
+        ego_in_file = turn.inv().apply([-value for value in mapping.origin.xyz])
+        ego = Poses(poses.moved(ego_in_file).position, poses.rotation * turn.inv()).ego_columns()
         frames = frames.assign(**{name: ego[name] for name in POSE_COLUMNS})
     return BoxLog(classified(boxes), frames)
 
 
 def _geometry(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArray[np.float64]:
-    """Return rows of `GEOMETRY` in metres and radians, z at the centre; (rows, 7)."""
-    columns, units = mapping.columns, mapping.units
-    place = numbers(table, [columns.x, columns.y, columns.z], source) * METRES[units.position]
-    size = sizes(table, [getattr(columns, side) for side in SIZE], source) * METRES[units.size]
-    if mapping.box_z == "bottom":
-        place[:, 2] += size[:, 2] / 2
-    yaw = numbers(table, [columns.yaw], source) * RADIANS[units.angle]
-    return np.hstack([place, size, yaw])
+    """Return rows of `GEOMETRY` in our axes, metres and radians; (rows, 7)."""
+    columns, convention = mapping.columns, mapping.of_boxes()
+    place = numbers(table, [columns.x, columns.y, columns.z], source)
+    size = sizes(table, [getattr(columns, side) for side in SIZE], source)
+    return convention.boxes(place, size, _yaws(table, columns, convention, source))
 
 
 def _classes(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArray[np.object_]:
@@ -138,7 +182,9 @@ def _classes(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArray
     if (row := first(unknown)) is not None:
         counts = Counter(category[unknown])
         names = ", ".join(f"{name} {count:,}" for name, count in counts.most_common(10))
-        problem = f"{unknown.mean():.1%} of the rows, from row {row}, have a category that "
+        problem = (
+            f"{percent(unknown.mean(), '.1f')} of the rows, from row {row}, have a category that "
+        )
         problem += f"`classes` does not name: {names}"
         raise InputError(problem, place=source, key=column, fix="null leaves one out")
     return np.array([mapping.classes[name] or IGNORE for name in category], object)
@@ -149,8 +195,10 @@ def _check_objects(boxes: pd.DataFrame, mapping: TableMapping, source: str) -> N
     twice = boxes.duplicated(["frame", "object_id"])
     if twice.any():
         box = boxes[twice].iloc[0]
-        problem = f"{twice.mean():.1%} of the rows repeat an object in its frame, the first is row "
-        problem += f"{twice.idxmax()} with {box['object_id']!r} of drive {box['scene']!r}"
+        problem = f"{percent(twice.mean(), '.1f')} of the rows repeat an object in its frame, the "
+        problem += (
+            f"first is row {twice.idxmax()} with {box['object_id']!r} of drive {box['scene']!r}"
+        )
         fix = "change columns.object, columns.drive, or the key of frames: "
         fix += f"{mapping.stamp}, units.time and frames.rate_hz"
         raise InputError(problem, place=source, key=mapping.column("object"), fix=fix)

@@ -12,10 +12,11 @@ from lidarplace.logs.plausibility import STEP_S
 
 LengthUnit = Literal["m", "cm", "mm"]
 AngleUnit = Literal["rad", "deg"]
-TimeUnit = Literal["s", "ms", "us", "ns"]
+TimeUnit = Literal["s", "ms", "us", "ns", "iso"]
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 RADIANS = {"rad": 1.0, "deg": math.pi / 180}
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "iso": 1e-6}
+"""Dates of ISO 8601 become microseconds since 1970."""
 DISTANCES = (300.0, 6000.0)
 """Median distance of a box from the vehicle from which it is in centimetres, and in millimetres."""
 EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}

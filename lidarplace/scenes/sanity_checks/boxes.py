@@ -22,7 +22,7 @@ NEAR_M = 40.0  # boxes up to here show where the ground is; farther away it may 
 LEAST_OBJECTS = 3  # one object may be a scooter car or a statue
 OFTEN = 0.1  # share of boxes that are no outliers
 SIDES_M = {
-    "Car": np.array([(2.6, 1.0, 0.9), (20.0, 3.2, 4.5)]),
+    "Car": np.array([(3.0, 1.0, 0.9), (20.0, 3.2, 4.5)]),
     "Cyclist": np.array([(1.0, 0.2, 0.8), (25.0, 3.2, 4.5)]),
     "Pedestrian": np.array([(0.15, 0.15, 0.9), (1.5, 1.5, 2.5)]),
 }
@@ -86,7 +86,7 @@ def _sizes(boxes: pd.DataFrame) -> Iterator[ImplausibleValue]:
             problem += f"{low[side]:g} to {high[side]:g}"
             if median[side] < low[side] and ((low <= 2 * median) & (2 * median <= high)).all():
                 problem += ", as of half sizes"
-                remedy = "the sizes (twice these half extents)"
+                remedy = "size (half)"
         else:
             continue
         if boxes["object_id"][rows].nunique() >= LEAST_OBJECTS:
@@ -127,9 +127,9 @@ def _heights(boxes: pd.DataFrame) -> Iterator[ImplausibleValue]:
         return
     problem = f"the undersides of near boxes are {median:+.2f} m off the ground in the median"
     if abs(np.median(z[near])) < OFF_GROUND_M:
-        remedy = "box_z: bottom"
+        remedy = "anchor: bottom"
     elif median > 0 and abs(median - np.median(height[near]) / 2) < OFF_GROUND_M:
-        remedy = "box_z: centre"
+        remedy = "anchor: centre"
     else:
         remedy = f"origin.z, {-median:+.2f} m from its value, or units.position"
     rows = near & (np.abs(bottom) > OFF_GROUND_M)

@@ -10,6 +10,7 @@ from lidarplace.logs.plausibility import CHECKS_OF_FRAMES, ImplausibleValue, cau
 from lidarplace.scenes.sanity_checks.boxes import implausible_surroundings, implausible_units
 from lidarplace.scenes.sanity_checks.copies import copied_test_frames, duplicate_boxes
 from lidarplace.scenes.sanity_checks.motion import (
+    implausible_axes,
     implausible_motion,
     implausible_poses,
     implausible_times,
@@ -26,6 +27,7 @@ def implausible_values(log: BoxLog) -> Iterator[ImplausibleValue]:
         implausible_surroundings(log),
         implausible_times(log),
         duplicate_boxes(log),
+        implausible_axes(log),
         implausible_motion(log),
         copied_test_frames(log, log),
     )

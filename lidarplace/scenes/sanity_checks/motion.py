@@ -1,15 +1,17 @@
 """Times and motion that look wrong: vehicles rarely slide, which shows the convention of boxes."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.number_text import percent
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import POSE_COLUMNS
+from lidarplace.logs.convention import OUR_AXES, Axis, Convention
 from lidarplace.logs.plausibility import STEP_S, ImplausibleValue
 from lidarplace.scenes.sanity_checks.boxes import LEAST_BOXES
 from lidarplace.scenes.sanity_checks.conventions import (
@@ -17,7 +19,7 @@ from lidarplace.scenes.sanity_checks.conventions import (
     OURS,
     SEEN_FROM_THE_VEHICLE,
     SEEN_IN_THE_WORLD,
-    Convention,
+    Alternative,
 )
 
 MOST_SPEED = 100.0  # metres a second, 360 km/h, of the vehicle in the median
@@ -33,6 +35,8 @@ ACROSS = 0.3
 MOST_ACROSS = 0.1
 """Share of steps that may be across: labels jitter, and cars in car parks turn."""
 CERTAIN_ACROSS, CERTAIN_STEPS = 0.3, 100  # share across, of so many, of no traffic that is right
+MOST_ASIDE = 0.8  # share of the way of boxes past the vehicle that may be from side to side
+LEAST_PASSING = 10  # steps past the vehicle that show its axes
 MOST_OFF = 0.5
 """Share of steps in which the vehicle itself may drive another way than it heads: it reverses."""
 BACKWARDS = 0.8  # share of steps against the heading that no traffic has
@@ -94,6 +98,65 @@ def implausible_motion(log: BoxLog) -> Iterator[ImplausibleValue]:
         yield from _compare_conventions(log, standing, (CLOCKWISE,))
 
 
+def axes_along_motion(log: BoxLog) -> tuple[tuple[Axis, Axis, Axis], float, int]:
+    """Return the axes that motion shows: those along which the vehicle, or boxes past it, move.
+
+    Returns directions of x, y and z, with the share of the way along the forward one, and the
+    number of steps: of the vehicle if poses are known. Otherwise traffic passes along the vehicle,
+    backwards as most of it stands, and it is farther ahead and behind than aside, else the share is
+    0; what is left or right does not show."""
+    places = np.abs(log.boxes[["x", "y"]].to_numpy(np.float64))
+    if _has_poses(log):
+        frames = log.frames.sort_values(["scene", "frame"])
+        dx, dy = (frames.groupby("scene")[axis].diff().to_numpy() for axis in POSE_COLUMNS[:2])
+        cos, sin = np.cos(frames["ego_yaw"]), np.sin(frames["ego_yaw"])
+        steps = np.stack([cos * dx + sin * dy, cos * dy - sin * dx], axis=1)
+    else:
+        pairs = _pairs(log)
+        steps = -(_place(pairs, "", OURS) - _place(pairs, "before_", OURS)).T
+    steps = steps[np.hypot(*steps.T) > STEP_M]
+    way = np.abs(steps).sum(axis=0)
+    along = int(way[1] > way[0])
+    share = float(way[along] / way.sum()) if len(steps) else 0.0
+    if len(places) and not _has_poses(log) and np.median(places, axis=0).argmax() != along:
+        share = 0.0
+    back = bool((steps[:, along] < 0).mean() > BACKWARDS) if len(steps) else False
+    return _AXES_ALONG[along][back], share, len(steps)
+
+
+_AXES_ALONG: tuple[tuple[tuple[Axis, Axis, Axis], ...], ...] = (
+    (OUR_AXES, ("back", "right", "up")),
+    (("right", "forward", "up"), ("left", "back", "up")),
+)
+"""Axes of which x, or y, is along the motion; or against it."""
+
+
+def implausible_axes(log: BoxLog) -> Iterator[ImplausibleValue]:
+    """Check that traffic passes along the vehicle rather than from side to side."""
+    if _has_poses(log):
+        return  # `implausible_poses` compares these with the vehicle's motion
+    axes, share, steps = axes_along_motion(log)
+    if axes[1] in ("forward", "back") and share > MOST_ASIDE and steps >= LEAST_PASSING:
+        problem = f"boxes move along y in {percent(share)} of their way, as if y were ahead"
+        rows = np.ones(len(log.boxes), bool)
+        convention = Convention.of(axes)
+        remedy = f"axes (y {axes[1]})"
+        yield ImplausibleValue("axes", "y", problem, remedy, False, rows, convention)
+
+
+def shares_across(
+    log: BoxLog, conventions: Sequence[Convention]
+) -> tuple[list[float], list[float], int]:
+    """Return the share of steps across the length axis in each convention, and against the front.
+
+    With the number of steps in the first one; conventions are of the numbers of the log."""
+    pairs, of_pairs = _pairs(log), _steps_by_poses if _has_poses(log) else _steps_without_poses
+    steps = [of_pairs(pairs, Alternative("", "", convention)) for convention in conventions]
+    across = [float((each.sine > ACROSS).mean()) if len(each.sine) else 1.0 for each in steps]
+    back = [float(each.back.mean()) if len(each.back) else 0.0 for each in steps]
+    return across, back, len(steps[0].sine)
+
+
 def implausible_poses(log: BoxLog) -> Iterator[ImplausibleValue]:
     """Check that the vehicle mostly drives where it heads."""
     if not _has_poses(log):
@@ -106,8 +169,8 @@ def implausible_poses(log: BoxLog) -> Iterator[ImplausibleValue]:
     off = moved & (ahead < math.sqrt(1 - ACROSS**2) * length)
     if moved.sum() >= LEAST_STEPS and off.sum() > MOST_OFF * moved.sum():
         problem = (
-            f"the vehicle drives another way than it heads in {off.sum() / moved.sum():.0%} of "
-            f"{moved.sum():,} steps"
+            f"the vehicle drives another way than it heads in {percent(off.sum() / moved.sum())} "
+            f"of {moved.sum():,} steps"
         )
         remedy = "poses.angle, or poses.yaw (from the x axis towards y)"
         rows, certain = off[log.frames.index].to_numpy(bool), bool(moved.sum() >= CERTAIN_STEPS)
@@ -123,7 +186,7 @@ class Steps(NamedTuple):
 
 
 def _compare_conventions(
-    log: BoxLog, steps: list[Steps], others: tuple[Convention, ...]
+    log: BoxLog, steps: list[Steps], others: tuple[Alternative, ...]
 ) -> Iterator[ImplausibleValue]:
     """Reject the first of `steps`, ours, if those of another convention are far fewer across."""
     ours, across = steps[0], steps[0].sine > ACROSS
@@ -131,9 +194,10 @@ def _compare_conventions(
         return
     if across.mean() < MOST_ACROSS:
         if ours.back.mean() > BACKWARDS:
-            problem = f"vehicles move against their heading in {ours.back.mean():.0%} of "
+            problem = f"vehicles move against their heading in {percent(ours.back.mean())} of "
             problem += f"{len(across):,} steps"
-            yield from _sliding(log, ours, ours.back, problem, "columns.yaw (by half a turn)")
+            behind = Convention.of(zero="-x")
+            yield from _sliding(log, ours, ours.back, problem, "yaw by half a turn", behind)
         return
     shares = [
         (each.sine > ACROSS).mean() if LEAST_STEPS <= len(each.sine) <= MORE * len(across) else 1.0
@@ -142,20 +206,27 @@ def _compare_conventions(
     best = int(np.argmin(shares))
     if shares[best] < across.mean() / CLEARLY:
         problem = (
-            f"vehicles move across their length axis in {across.mean():.0%} of {len(across):,} "
-            f"steps, with {others[best].meaning} in {shares[best]:.0%}"
+            f"vehicles move across their length axis in {percent(across.mean())} of "
+            f"{len(across):,} steps, with {others[best].meaning} in {percent(shares[best])}"
         )
-        yield from _sliding(log, ours, across, problem, others[best].remedy)
+        other = others[best]
+        convention = other.convention if other.is_mapped else None
+        yield from _sliding(log, ours, across, problem, other.remedy, convention)
 
 
 def _sliding(
-    log: BoxLog, steps: Steps, wrong: NDArray[np.bool_], problem: str, remedy: str
+    log: BoxLog,
+    steps: Steps,
+    wrong: NDArray[np.bool_],
+    problem: str,
+    remedy: str,
+    convention: Convention | None,
 ) -> Iterator[ImplausibleValue]:
     boxes = np.zeros(len(log.boxes), bool)
     boxes[steps.box[wrong]] = True
     if log.boxes["object_id"][boxes].nunique() >= LEAST_VEHICLES:
         certain = wrong.mean() >= CERTAIN_ACROSS and len(wrong) >= CERTAIN_STEPS
-        yield ImplausibleValue("yaw", "yaw", problem, remedy, bool(certain), boxes)
+        yield ImplausibleValue("yaw", "yaw", problem, remedy, bool(certain), boxes, convention)
 
 
 def _has_poses(log: BoxLog) -> bool:
@@ -187,22 +258,21 @@ def _pairs(log: BoxLog) -> pd.DataFrame:
     return table.join(before[["x", "y", *poses]].add_prefix("before_"))[follows]
 
 
-def _steps_by_poses(pairs: pd.DataFrame, convention: Convention) -> Steps:
+def _steps_by_poses(pairs: pd.DataFrame, other: Alternative) -> Steps:
     def place(prefix: str) -> NDArray[np.float64]:
-        x, y = _place(pairs, prefix, convention)
-        if convention.place == "world":
+        x, y = _place(pairs, prefix, other)
+        if other.place == "world":
             return np.stack([x, y])
         ego_x, ego_y, ego_yaw = _columns(pairs, prefix, *POSE_COLUMNS)
-        turn = ego_yaw if convention.place == "ego" else 0 * ego_yaw
+        turn = ego_yaw if other.place == "ego" else 0 * ego_yaw
         cos, sin = np.cos(turn), np.sin(turn)
         return np.stack([ego_x + cos * x - sin * y, ego_y + sin * x + cos * y])
 
     dx, dy = place("") - place("before_")
     yaw, ego_yaw = _columns(pairs, "", "yaw", "ego_yaw")
-    factor = convention.factor
-    yaw = convention.turn + factor * yaw
-    if convention.yaw == "ego":
-        yaw += factor * ego_yaw if convention.turned else ego_yaw
+    yaw = other.convention.yaws(yaw)
+    if other.yaw == "ego":
+        yaw += other.convention.factor * ego_yaw if other.turned else ego_yaw
     across, ahead = np.cos(yaw) * dy - np.sin(yaw) * dx, np.cos(yaw) * dx + np.sin(yaw) * dy
     length = np.hypot(dx, dy)
     moved = length > STEP_M
@@ -210,17 +280,15 @@ def _steps_by_poses(pairs: pd.DataFrame, convention: Convention) -> Steps:
     return Steps(sine, ahead[moved] < 0, pairs["row"].to_numpy(np.int64)[moved])
 
 
-def _steps_without_poses(
-    pairs: pd.DataFrame, convention: Convention, stands: bool = False
-) -> Steps:
+def _steps_without_poses(pairs: pd.DataFrame, other: Alternative, stands: bool = False) -> Steps:
     """Compute steps with the motion of the vehicle under which objects slide least, if it moves.
 
     Its motion is v ahead and w to the left; or it `stands`. `n·(d + v e_x + w e_z × p) = 0` by
     least squares in each frame, n the normal of an object's length axis, d its step and p its place
     in the ego frame. Needs over two objects in a frame."""
-    x, y = _place(pairs, "", convention)
-    before_x, before_y = _place(pairs, "before_", convention)
-    yaw = convention.turn + convention.factor * pairs["yaw"].to_numpy(np.float64)
+    x, y = _place(pairs, "", other)
+    before_x, before_y = _place(pairs, "before_", other)
+    yaw = other.convention.yaws(pairs["yaw"])
     dx, dy = x - before_x, y - before_y
     cos, sin = np.cos(yaw), np.sin(yaw)
     slide = cos * dy - sin * dx
@@ -240,9 +308,9 @@ def _steps_without_poses(
     return Steps(sine, np.zeros(len(sine), bool), pairs["row"].to_numpy(np.int64)[moved])
 
 
-def _place(pairs: pd.DataFrame, prefix: str, convention: Convention) -> NDArray[np.float64]:
+def _place(pairs: pd.DataFrame, prefix: str, other: Alternative) -> NDArray[np.float64]:
     """Return x and y in the ego frame, (2, pairs)."""
-    return np.reshape(convention.axes, (2, 2)) @ _columns(pairs, prefix, "x", "y")
+    return other.convention.matrix[:2, :2] @ _columns(pairs, prefix, "x", "y")
 
 
 def _columns(pairs: pd.DataFrame, prefix: str, *names: str) -> NDArray[np.float64]:

@@ -70,9 +70,9 @@ def check(problem: SearchProblem) -> str:
             unknown = dict(zip(problem.space.models, costs, strict=True))
             raise InputError(place=file, key=key, expected=expected, found=unknown)
     mounts = check_grid(problem)
-    low, high = problem.space.numbers
+    numbers = " to ".join(map(str, sorted({*problem.space.numbers})))
     return (
-        f"least {by} of {low} to {high} LiDARs; models: {len(problem.space.models)}, mounts of the "
+        f"least {by} of {numbers} LiDARs; models: {len(problem.space.models)}, mounts of the "
         f"grid: {mounts:,}, requirements: {len(carrier.requirements)}"
     )
 
@@ -127,7 +127,7 @@ class _Work:
         self.blocks = blocks_of(lidars, problem.criteria)
         limits, least = limits_of(self.candidates, problem)
         assert limits.compatible is not None
-        self.compatible = limits.compatible
+        self.compatible, self.completes = limits.compatible, limits.completes
         fixed = problem.space.fixed
         base = problem.criteria.carrier.further_totals[by] if by in TOTALS else 0.0
         self.programme = Programme(
@@ -212,9 +212,12 @@ class _Work:
                 worth /= np.maximum(programme.costs, 1e-9)
             if worth.max(initial=-1.0) < 0:
                 break
-            chosen.append(int(worth.argmax()))
-            may &= self.compatible[chosen[-1]]
-            may[chosen[-1]] = False
+            best = int(worth.argmax())
+            may[best] = False
+            if not self.completes((*chosen, best)):
+                continue
+            chosen.append(best)
+            may &= self.compatible[best]
             if not self.add_rows(chosen) and self.accept(chosen):
                 self.drop(chosen)
                 return True

@@ -2,7 +2,8 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -23,7 +24,8 @@ from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import MountedLidar, Rig, is_possible, placement_of, rounded
-from sweeps.search.problem.space import Assignment, MountSlot, Space
+from sweeps.search.problem.slots import Assignment, MountSlot
+from sweeps.search.problem.space import Space
 
 
 def candidates_of(problem: SearchProblem) -> list[Rig]:
@@ -46,11 +48,10 @@ def _number_of_candidates(problem: SearchProblem) -> int:
     settings = problem.file.search.greedy
     assert settings is not None
     about = sum(
-        len(slot.models)
-        * _about(zone, settings)
-        * math.prod(2 * _reach(span, settings) + 1 for span in slot.spans.values())
+        _about(zone, settings)
+        * math.prod(2 * _reach(span, settings) + 1 for span in slot.spans[model].values())
         for slot in _kinds(problem.space)
-        for zone in slot.zones
+        for model, zone in itertools.product(slot.models, slot.zones)
     )
     return about if about > 10 * settings.most else sum(1 for _ in grid_points(problem))
 
@@ -83,9 +84,9 @@ def grid_points(problem: SearchProblem) -> Iterator[tuple[MountSlot, str, Zone, 
     settings, space = problem.file.search.greedy, problem.space
     assert settings is not None
     for slot in _kinds(space):
-        levels = (_levels(span, settings) for span in slot.spans.values())
-        turns = [tuple(map(math.radians, turn)) for turn in itertools.product(*levels)]
         for model, zone in itertools.product(slot.models, slot.zones):
+            levels = (_levels(span, settings) for span in slot.spans[model].values())
+            turns = [tuple(map(math.radians, turn)) for turn in itertools.product(*levels)]
             places = grid(zone, settings.position_step).tolist()
             for place, turn in itertools.product(places, turns):
                 yield slot, model, zone, rounded(*place, *turn)
@@ -122,21 +123,34 @@ def _is_allowed(rig: Rig, fixed: Rig, problem: SearchProblem) -> bool:
     )
 
 
-def limits_of(candidates: Sequence[Rig], problem: SearchProblem) -> tuple[Limits, np.ndarray]:
+@dataclass(frozen=True, eq=False)
+class CountLimits(Limits):
+    """Limits whose sets also leave room for the least numbers of LiDARs of zones and models.
+
+    `completes`: whether candidates are a part of a rig that keeps all counts."""
+
+    completes: Callable[[tuple[int, ...]], bool] = lambda chosen: True
+
+    def allows(self, chosen: list[int], candidate: int) -> bool:
+        """Return whether `candidate` may join the set `chosen`."""
+        return super().allows(chosen, candidate) and self.completes((*chosen, candidate))
+
+
+def limits_of(candidates: Sequence[Rig], problem: SearchProblem) -> tuple[CountLimits, np.ndarray]:
     """Return the budgets of a choice, and the least of each budget that has to be used.
 
-    Budgets are the number of LiDARs, in all, in each zone and of single ones next to pairs, totals,
-    and distances."""
+    Budgets are the counts, in all, by zone and by model, the number of single LiDARs next to pairs,
+    totals, and distances."""
     space, search, carrier = problem.space, problem.file.search, problem.criteria.carrier
     sizes = np.array([0 if rig == space.fixed else len(rig) for rig in candidates], float)
-    rows: list[tuple[np.ndarray, float, float]] = [(sizes, *space.numbers)]
+    parts = [() if rig == space.fixed else rig for rig in candidates]
+    rows: list[tuple[np.ndarray, float, float]] = [
+        (np.array([bound.number(part) for part in parts], float), bound.low, bound.high)
+        for bound in space.bounds
+    ]
     if search.symmetric:
         odd = any(number % 2 for number in space.numbers)
         rows.append(((sizes == 1).astype(float), 0.0, odd))
-    for name, zone in search.zones.items():
-        if zone.lidars is not None:
-            used_by = np.array([float(any(c.zone == name for c in rig)) for rig in candidates])
-            rows.append((used_by, *zone.lidars))
     for total in TOTALS:
         most = getattr(search.constraints, total)
         if most is not None:  # what every rig has is paid for first
@@ -144,7 +158,11 @@ def limits_of(candidates: Sequence[Rig], problem: SearchProblem) -> tuple[Limits
             used_by = np.where(sizes > 0, used_by - carrier.further_totals[total], 0.0)
             rows.append((used_by, 0.0, max(0.0, most - carrier.total_of(total, space.fixed))))
     used, least, budgets = (np.array(column, float) for column in zip(*rows, strict=True))
-    return Limits(used, budgets, _compatible(candidates, search)), least
+
+    def completes(chosen: tuple[int, ...]) -> bool:
+        return space.completes([parts[i] for i in chosen if parts[i]])
+
+    return CountLimits(used, budgets, _compatible(candidates, search), completes), least
 
 
 def _compatible(candidates: Sequence[Rig], search: SearchSettings) -> np.ndarray:

@@ -20,7 +20,8 @@ from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.families import family_params
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig, ordered
-from sweeps.search.problem.space import Assignment, assign_to_slots, rig_of
+from sweeps.search.problem.slots import Assignment
+from sweeps.search.problem.space import assign_to_slots, rig_of
 
 SUBMODULAR = (*OBJECTIVES, "expected_recall")
 """Objectives that have greedy choice and a bound."""

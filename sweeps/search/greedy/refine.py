@@ -12,7 +12,8 @@ from sweeps.search.problem.assess import Traffic
 from sweeps.search.problem.constraints import Constraint, measures_of, requirement_name
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig, is_possible, ordered, rounded
-from sweeps.search.problem.space import Assignment, fits, rig_of
+from sweeps.search.problem.slots import Assignment
+from sweeps.search.problem.space import fits, rig_of
 
 _MOST_ROUNDS = 4
 """Rounds over all LiDARs at one step; few improve anything."""
@@ -84,10 +85,12 @@ def neighbours(
 ) -> Iterator[Assignment]:
     """Yield neighbours a step away in any combination of at most `most` coordinates."""
     centre, zone = astuple(place.lidar.mount), place.slot.zone(place.lidar.zone)
-    spans = place.slot.spans.values()
+    spans = place.slot.spans[place.lidar.model].values()
     steps = [length] * 3 + [angle if low < high else 0.0 for low, high in spans]
     ways = [(-step, 0.0, step) if step else (0.0,) for step in steps]
     for offset in itertools.product(*ways):
         mount = rounded(*(c + o for c, o in zip(centre, offset, strict=True)))
-        if 0 < np.count_nonzero(offset) <= most and fits(place.slot, zone, mount):
+        if 0 < np.count_nonzero(offset) <= most and fits(
+            place.slot, zone, mount, place.lidar.model
+        ):
             yield Assignment(place.slot, replace(place.lidar, mount=mount))

@@ -6,7 +6,9 @@ from typing import Any
 
 from rich.console import Console
 
+from lidarplace.base.number_text import number
 from lidarplace.command_line.terminal import print_warnings, table
+from lidarplace.mounting.counts import CountBound
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
@@ -22,7 +24,7 @@ from sweeps.search.verification.winners import AssessedRig, SearchFindings
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
-from tracking.search_report.headline import answer, format_value, next_steps
+from tracking.search_report.headline import answer, format_value, next_steps, pairs_sentence
 
 _TO_THE_LETTER = (
     "objective {name}: entropies are not negative, so every LiDAR lowers it, and it is highest for "
@@ -30,8 +32,8 @@ _TO_THE_LETTER = (
     "sky. expected_ig and covered_entropy reward what is seen."
 )
 _ONE_BY_ONE = (
-    "objective {name}: greedy choice, refinement and bound put rigs together of LiDARs that were "
-    "looked at one by one, and neglect that LiDARs hide each other by their size; {others}"
+    "objective {name}: greedy choice, refinement and bound evaluate LiDARs one by one, and ignore "
+    "that the housings of LiDARs hide objects from each other; {others}"
 )
 _TRIALS_KNOW = (
     "trials know it. So the bound holds, and the value of greedy choice may be above that of its "
@@ -91,6 +93,10 @@ def print_problem(console: Console, problem: SearchProblem) -> None:
         f"{problem.file.name}: {number} LiDARs in {', '.join(settings.zones)}, "
         f"{parameters} parameters; {wanted}"
     )
+    if counts := [*map(_count_text, space.bounds[:-1])]:
+        console.print(f"counts: {', '.join(counts)}", soft_wrap=True)
+    if pairs := [name for name, z in settings.zones.items() if z.mirrored or settings.symmetric]:
+        console.print(pairs_sentence(pairs), soft_wrap=True)
     if over := settings.said_of(problem.traffic.search):
         console.print(f"evaluated by {over}")
     for zone in space.zones:
@@ -111,6 +117,15 @@ def print_problem(console: Console, problem: SearchProblem) -> None:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
 
 
+def _count_text(bound: CountBound) -> str:
+    numbers = " to ".join(map(str, dict.fromkeys((bound.low, bound.high))))
+    return (
+        f"{numbers} {'pairs ' * (bound.size > 1)}in {bound.zone}"
+        if bound.zone
+        else (f"{numbers} {bound.model}")
+    )
+
+
 def planned(problem: SearchProblem) -> dict[str, Any]:
     """Return the plan of a search: parameters, objectives, constraints and sampler."""
     settings, space = problem.file.search, problem.space
@@ -118,6 +133,7 @@ def planned(problem: SearchProblem) -> dict[str, Any]:
         "name": problem.file.name,
         "lidars": list(space.numbers),
         "zones": list(settings.zones),
+        "counts": {bound.key: [bound.low, bound.high] for bound in space.bounds[:-1]},
         "parameters": list(space.distributions(space.all_counts[-1])),
         "objectives": [{"name": o.name, "best": o.best} for o in settings.objective],
         "judged_on": list(map(dict, problem.tests.search)) if problem.uses_generalist else [],
@@ -151,7 +167,9 @@ def _print_rigs(
         assessment, values = assessed.assessment, assessed.all_values
         cells = [format_value(o, values[o.name]) if o.name in values else "" for o in objectives]
         broken = {c: " !" if assessment.violations[c] > 0 else "" for c in limits}
-        rows.append((name, *cells, *(f"{assessment.measures[c]:.3g}{broken[c]}" for c in limits)))
+        rows.append(
+            (name, *cells, *(f"{number(assessment.measures[c], 3)}{broken[c]}" for c in limits))
+        )
     head = ("placement", *(o.label for o in objectives), *limits)
     console.print(table(problem.file.name, head, rows))
 

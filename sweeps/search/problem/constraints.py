@@ -129,15 +129,16 @@ class Carrier:
         limits = settings.constraints.limits(
             body=vehicle_of(settings.vehicle), keep_out=keep_out_boxes(settings.keep_out)
         )
-        prices = {name: model.price for name, model in settings.models.items()}
-        power = {name: model.watts for name, model in settings.models.items()}
         # The rig that one has without `search.models` costs nothing more.
-        price = math.nan if settings.models else 0.0
+        unknown = {"price": math.nan if settings.models else 0.0, "power": math.nan}
         return cls(
             models,
             {
-                "price": {name: prices.get(name, price) for name in models},
-                "power": {name: power.get(name, math.nan) for name in models},
+                total: {
+                    name: settings.models[name].total(total) if name in settings.models else value
+                    for name in models
+                }
+                for total, value in unknown.items()
             },
             {name: zone.price for name, zone in settings.zones.items()},
             limits,

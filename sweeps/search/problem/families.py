@@ -14,7 +14,8 @@ from scipy.stats import qmc
 
 from lidarplace import Lidar
 from lidarplace.mounting.ring_overlap import beam_gap
-from sweeps.search.problem.space import MountSlot, Space
+from sweeps.search.problem.slots import MountSlot
+from sweeps.search.problem.space import Space
 
 _Item = TypeVar("_Item")
 Shares = list[tuple[float, float, float]]
@@ -94,7 +95,7 @@ def _laid_out(
     params: dict[str, Any] = {}
     for slot, (x, y, z), pitch_offset in zip(slots, shares, steps.tolist(), strict=True):
         side = 1.0 if slot.pair else float(np.sign(round(y - 0.5, 9)))
-        low, high = slot.spans["yaw"]
+        low, high = slot.spans[model]["yaw"]
         wanted: dict[str, Any] = {"x": x, "y": y, "z": z, "roll_deg": side * outwards}
         wanted["pitch_deg"] = nose + pitch_offset
         wanted |= {"yaw_deg": (low + high) / 2, "zone": zone.name, "model": model}

@@ -41,7 +41,8 @@ from sweeps.search.problem.assess import Criteria
 from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep_outs
 from sweeps.search.problem.rig import MountedLidar, Rig, ordered, placement_of
 from sweeps.search.problem.search_config import SearchConfig
-from sweeps.search.problem.space import Assignment, Space, assign_to_slots
+from sweeps.search.problem.slots import Assignment
+from sweeps.search.problem.space import Space, assign_to_slots
 from sweeps.search.problem.training_rigs import rigs_near, training_rigs
 from sweeps.stages.task import Task, plain
 from training import code_of_network, network_of
@@ -254,7 +255,7 @@ def _problem(source: dict[str, Any], path: Path) -> SearchProblem:
     criteria = Criteria(
         objectives=settings.objective,
         constraints=constraints_of(file),
-        carrier=Carrier.of(file, models, _laid(file, chosen)),
+        carrier=Carrier.of(file, models, _laid(file, chosen, space.numbers[1] + len(fixed))),
         surrogate=file.surrogate,
         azimuth_stride=settings.azimuth_stride,
         errors=file.mounting_errors.errors(),
@@ -264,7 +265,9 @@ def _problem(source: dict[str, Any], path: Path) -> SearchProblem:
     return SearchProblem(path, whole, file, models, space, start, criteria, rigs)
 
 
-def _laid(file: SearchFile, models: Mapping[str, Lidar]) -> tuple[RequirementLayout, ...]:
+def _laid(
+    file: SearchFile, models: Mapping[str, Lidar], most_lidars: int
+) -> tuple[RequirementLayout, ...]:
     """Lay out the requirements around the vehicle. Raises InputError."""
     requirements, curves_file = file.search.requirements, file.surrogate.curves
     if not requirements:
@@ -274,7 +277,7 @@ def _laid(file: SearchFile, models: Mapping[str, Lidar]) -> tuple[RequirementLay
             check_lidars(Placement(name, [Mount()], lidar), requirements)
         for requirement in requirements:
             further = (sensor.kind for sensor in file.search.further())
-            check_dead_sensors(requirement, [*["lidar"] * file.search.most_lidars, *further])
+            check_dead_sensors(requirement, [*["lidar"] * most_lidars, *further])
     with reading("surrogate.curves"):
         curves = default_curves() if curves_file is None else read_curves(curves_file)
     return lay_out_requirements(

@@ -180,7 +180,7 @@ def test_a_saved_file_is_the_same_rigs(tmp_path_factory, pose):
 def test_save_never_overwrites_unasked(studio):
     before = studio.file.path.read_text()
     studio.pose(0, x=0.7)
-    with pytest.raises(FileExistsError, match=r"rigs\.yaml: is there already"):
+    with pytest.raises(FileExistsError, match=r"rigs\.yaml: exists"):
         studio.save()
     assert studio.file.path.read_text() == before
     studio.save(overwrite=True)
@@ -407,3 +407,31 @@ placements:
     assert "facing" not in {one.limit for one in studio.violations()}
     assert studio.file.text_with(studio.rigs).count("a2d2_front_camera") == 1
     assert studio.too_little("sensors on a child").sensors.max() == 2
+
+
+def test_numbers_of_lidars_in_all_by_zone_and_by_model(tmp_path):
+    text = """
+lidars: [4, 5]
+counts: {vlp16: [0, 1]}
+zones:
+  roof: {x: [-1, 1], y: [-0.2, 0.2], z: [1.6, 2.0], standoff: null, lidars: 1}
+  side: {x: [0, 1], y: [0.9, 1.1], z: [0.6, 0.9], standoff: null, lidars: [0, 1], mirrored: true,
+         models: [bpearl]}
+placements:
+  a:
+    mounts:
+      - {x: 0.5, y: 1.0, z: 0.8, lidar: bpearl}
+      - {x: 0.5, y: -1.0, z: 0.8, lidar: vlp16}
+      - {x: 0.0, y: 0.0, z: 1.8, lidar: vlp16}
+"""
+    studio = studio_of(tmp_path, text)
+    broken = [one.text for one in studio.violations()]
+    assert broken == [
+        "counts.vlp16: 2 vlp16, expected [0, 1]",
+        "lidars: 3 LiDARs, expected [4, 5]",
+        "zones.side.models: 1 vlp16, expected 0",
+    ]
+    studio.model(1, "bpearl")
+    studio.add("bpearl")
+    studio.pose(3, x=0.3, y=0.1, z=1.8)
+    assert [one.text for one in studio.violations()] == ["zones.roof.lidars: 2 LiDARs, expected 1"]

@@ -21,7 +21,8 @@ _STYLES = {
     "frames": (1, "triangle-up"),
 }
 MOST_CHOICES = 4  # sentences on what to choose
-FIRST = "s_mig"  # surrogate that is shown before another is chosen
+FIRST = "s_mig"  # surrogate before another is chosen
+LEAST_SECONDS = 1e-6  # of a logarithmic axis, for what a clock measured as 0
 
 
 def accuracy_section(analysis: Analysis) -> Section:
@@ -43,9 +44,11 @@ def accuracy_section(analysis: Analysis) -> Section:
     for title, part in by_setting(run.accuracy, run.axes):
         summary = summarise(relative_errors(part))
         for name, of_class in summary.groupby("class", sort=False):
-            label = f"{name} · {title}" if title else str(name)
+            label = f"{name}, {title}" if title else str(name)
             choices.append(f"{label}: {_choice(of_class)}")
-            section.figures.append(accuracy_figure(of_class, f"Error against run time · {label}"))
+            errors = of_class[of_class["median_error"].notna()]  # not of a surrogate that is 0
+            if len(errors):
+                section.figures.append(accuracy_figure(errors, f"Error against run time · {label}"))
             section.tables.append(accuracy_table(of_class, label))
     section.notes[:0] = choices[:MOST_CHOICES]
     return section
@@ -56,19 +59,27 @@ def _choice(summary: pd.DataFrame) -> str:
     name = FIRST if FIRST in set(summary["surrogate"]) else summary["surrogate"].iloc[0]
     rows = summary[summary["surrogate"] == name].sort_values("seconds")
     reference = rows[rows["reference"]].iloc[0]
-    alike = rows[(rows["kendall"] > 1 - 1e-9) & (rows["seconds"] < reference["seconds"])]
+    faster = rows[rows["seconds"] < reference["seconds"]]
+    alike = faster[faster["kendall"] > 1 - 1e-9]
     as_fine = f"{reference['resolution']:g} m, {reference['seconds']:.2g} s"
-    if alike.empty:
+    if len(alike):
+        return f"{_cost(alike.iloc[0], reference)}, ranks as at {as_fine}."
+    if np.isfinite(reference["kendall"]):
         return f"no faster {surrogate_name(name)} ranks the placements as the finest, {as_fine}."
-    fastest = alike.iloc[0]
-    rays = f", {fastest['azimuth_steps']:,} azimuth steps" if fastest["azimuth_steps"] else ""
-    fewer = fastest["frames"] < reference["frames"]
-    frames = f", {fastest['frames']:,} frames" if fewer else ""
-    how = f"{fastest['resolution']:g} m, {fastest['method']}{rays}{frames}"
-    return (
-        f"{how}: {fastest['seconds']:.2g} s a placement, error {_percent(fastest['median_error'])} "
-        f"%, ranks as at {as_fine}."
-    )
+    why = f"too few different values of {surrogate_name(name)} for a ranking"
+    if faster["median_error"].isna().all():
+        return f"{why}."
+    closest = faster.loc[faster["median_error"].idxmin()]
+    return f"{_cost(closest, reference)} from {as_fine}, the least of all faster ones; {why}."
+
+
+def _cost(row: pd.Series, reference: pd.Series) -> str:
+    """Say how a surrogate was computed, its seconds and its error."""
+    rays = f", {row['azimuth_steps']:,} azimuth steps" if row["azimuth_steps"] else ""
+    frames = f", {row['frames']:,} frames" if row["frames"] < reference["frames"] else ""
+    how = f"{row['resolution']:g} m, {row['method']}{rays}{frames}"
+    error = f"error {_percent(row['median_error'])} %"
+    return f"{how}: {row['seconds']:.2g} s a placement, {error}"
 
 
 def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
@@ -138,7 +149,7 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
 def _place_labels(lines: Sequence[go.Scatter]) -> None:
     """Place the labels of all points so that few hide each other; both axes are logarithmic."""
     x, y = (np.log10(np.concatenate([line[axis] for line in lines])) for axis in "xy")
-    places = iter(label_places(x, y, [text for line in lines for text in line.text]))
+    places = iter(label_places(x, y, [label for line in lines for label in line.text]))
     for line in lines:
         line.textposition = [next(places) for _ in line.text]
 
@@ -146,6 +157,7 @@ def _place_labels(lines: Sequence[go.Scatter]) -> None:
 def _line(rows: pd.DataFrame, group: str, floor: float) -> go.Scatter:
     rows = rows.sort_values("seconds")
     value, worst = (rows[key].clip(lower=floor) for key in ("median_error", "worst_error"))
+    seconds = rows["seconds"].clip(lower=LEAST_SECONDS)
     shade, shape = _STYLES.get(group) or _STYLES[group.rsplit(", ", 1)[1]]
     labels = [f"{n:,}" for n in rows["azimuth_steps"]]
     if group.endswith("resolution"):
@@ -154,7 +166,7 @@ def _line(rows: pd.DataFrame, group: str, floor: float) -> go.Scatter:
         labels = [f"{n:,} frames" for n in rows["frames"]]
     hollow = rows["median_error"] == 0
     return go.Scatter(
-        x=rows["seconds"].to_numpy(),
+        x=seconds.to_numpy(),
         y=value.to_numpy(),
         error_y=error_bars(worst - value, np.zeros(len(rows)), thickness=1),
         mode="lines+markers+text",

@@ -1,6 +1,7 @@
 """First screen of a report: which surrogate predicts AP and recall, and S-MIG against AP."""
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,12 +28,13 @@ def coefficient_map_section(analysis: Analysis) -> Section | None:
         return None
     of_first = [one for one in analysis.predictors if analysis.groups[0].includes(one.group)]
     sentences = [one.sentence for one in of_first if is_headline(analysis.run, one.group)]
-    drawn = [coefficient_map(dict(_charts(analysis))), next(scatters(analysis))]
+    figures = [coefficient_map(dict(coefficient_charts(analysis))), next(scatters(analysis))]
     title = "Which surrogate predicts AP and recall?"
-    return Section(title, [*sentences[:1], _LEGEND], drawn, columns=2, place="head")
+    notes = [*dict.fromkeys((*sentences[:1], *sentences[-1:])), _LEGEND]  # of AP and of recall
+    return Section(title, notes, figures, columns=2, place="head")
 
 
-def _charts(analysis: Analysis) -> Iterator[tuple[str, pd.DataFrame]]:
+def coefficient_charts(analysis: Analysis) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yield the coefficients of a map by its name: of all classes, and of each alone.
 
     Rows of `correlate` with the label of their `column`."""
@@ -40,11 +42,12 @@ def _charts(analysis: Analysis) -> Iterator[tuple[str, pd.DataFrame]]:
     for group in analysis.groups:
         tests = group.of(analysis.correlations)
         metrics = zip(tests["metric"], tests["iou"], strict=True)
-        tests = tests.assign(column=[text(labels.metric_label(*metric)) for metric in metrics])
+        named = [text(labels.metric_label(*metric)) for metric in metrics]
+        tests = tests.assign(column=[name.replace(" @ ", "<br>@ ") for name in named])
         headlines = pd.concat([at_headline_iou(tests, results, name) for name in names])
         of_class = headlines["class"].map(lambda name: f"{text(class_label(name))}<br>")
         yield (
-            group.label("headline metrics"),
+            group.title if group.varies else "headline metrics",
             headlines.assign(column=of_class + headlines["column"]),
         )
         if not group.varies:
@@ -57,11 +60,11 @@ def coefficient_map(charts: Mapping[str, pd.DataFrame]) -> go.Figure:
 
     A chart has rows of `correlate` with the label of their `column`; those without ρ are left out.
     """
-    shown = {name: chart[chart["spearman"].notna()] for name, chart in charts.items()}
-    shown = {name: chart for name, chart in shown.items() if len(chart)}
-    rows = labels.in_order(pd.concat([*shown.values()])["surrogate"])
-    cells = [_cells(chart, rows) for chart in shown.values()]
-    plot = figure("Rank correlation ρ with AP and recall", height=130 + 22 * len(rows))
+    known = {name: chart[chart["spearman"].notna()] for name, chart in charts.items()}
+    known = {name: chart for name, chart in known.items() if len(chart)}
+    rows = labels.in_order(pd.concat([*known.values()])["surrogate"])
+    cells = [coefficient_cells(chart, rows) for chart in known.values()]
+    plot = figure("Rank correlation ρ with AP and recall", height=145 + 22 * len(rows))
     plot.add_heatmap(
         **cells[0],
         y=[text(labels.surrogate_short(name)) for name in rows],
@@ -72,21 +75,21 @@ def coefficient_map(charts: Mapping[str, pd.DataFrame]) -> go.Figure:
         xgap=2,
         ygap=2,
         texttemplate="%{text}",
-        textfont={"color": "#1d2126"},
+        textfont={"color": "#1d2126", "size": 11},
         hovertemplate="%{y}, %{x}<br>%{customdata}<extra></extra>",
         hoverongaps=False,
     )
-    plot.update_xaxes(showgrid=False, fixedrange=True)
+    plot.update_xaxes(showgrid=False, fixedrange=True, tickangle=0, tickfont={"size": 11})
     plot.update_yaxes(autorange="reversed", showgrid=False, fixedrange=True)
     plot.update_layout(margin={"t": 72, "l": 110})
-    if len(shown) == 1:
+    if len(known) == 1:
         return plot
     changes = [[{key: [values] for key, values in cell.items()}] for cell in cells]
-    return add_menu(plot, [text(name) for name in shown], changes, y=1.02)
+    return add_menu(plot, [text(name) for name in known], changes, y=1.02)
 
 
-def _cells(chart: pd.DataFrame, rows: list[str]) -> dict[str, object]:
-    """Columns, shades, words and hover text of the cells of a chart."""
+def coefficient_cells(chart: pd.DataFrame, rows: list[str]) -> dict[str, Any]:
+    """Make columns, shades, words and hover text of the cells of a chart, by plotly's names."""
     columns = list(dict.fromkeys(chart["column"]))
     shades = np.full((len(rows), len(columns)), np.nan)
     words, hover = np.full(shades.shape, "", object), np.full(shades.shape, "", object)

@@ -28,8 +28,8 @@ def figures(
     as_json: JsonOption = False,
 ) -> None:
     """Write the figures of a sweep as files for a paper, and print their paths."""
-    from tracking.paper.figures import write_figures
     from tracking.report.analysis import Analysis
+    from tracking.report.paper_figures import write_figures
     from tracking.run_folders.sweep import RunFolder
 
     with checked_input():

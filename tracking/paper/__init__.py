@@ -1,1 +1,0 @@
-"""Figures of a sweep as files for a paper."""
