@@ -82,7 +82,8 @@ def _found(run: SearchFolder) -> Card:
     count = len(search.constraints)
     constraints_kept = f"it keeps all {count} constraints" if count else "there were no constraints"
     lines.append(f"Feasible: {constraints_kept}.")
-    models = (f"{number} {name}" for name, number in sorted(Counter(rig.models).items()))
+    numbers = sorted(Counter(rig.models).items())
+    models = (f"{number} {name}" if numbers[1:] else name for name, number in numbers)
     lines.append(f"{len(rig.mounts)} LiDAR{'s' * (len(rig.mounts) > 1)}: {', '.join(models)}.")
     pairs = sorted({zone.name for zone in search.zones if zone.mirrored} & {*rig.zones})
     lines += [pairs_sentence(pairs)] if pairs else []
