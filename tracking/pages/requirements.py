@@ -35,7 +35,7 @@ _COLOURS = ((0.0, "#7a2b00"), (_ENOUGH, "#f0a070"), (_ENOUGH, "#a8d4f0"), (1.0, 
 def counted(worst: pd.DataFrame) -> str:
     """Count the verdicts that are failures, a sentence."""
     failed = int((~worst["met"]).sum())
-    return f"{failed} of {len(worst)} verdicts are failures."
+    return f"{failed or 'None'} of {len(worst)} verdicts fail{'s' * (failed <= 1)}."
 
 
 def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Table:
@@ -126,7 +126,7 @@ def requirement_map(
     verdict = "met" if worst["met"] else "FAILED"
     title = f"{text(rig)} · {text(worst['requirement'])}: {verdict}"
     plot = figure(title, height=map_height((np.ptp(y) + 2.0) / (np.ptp(x) + 4.0), 220, 560))
-    bar = {"title": {"text": "of need"}, "tickvals": [0, 1, 2], "ticktext": ["0", "1", "2 ≤"]}
+    bar = {"title": {"text": "of need"}, "tickvals": [0, 1, 2], "ticktext": ["0", "1", "≥ 2"]}
     of_need = f"%{{customdata:.3g}} {measure} of {needed:g}"
     plot.add_heatmap(
         x=x,
