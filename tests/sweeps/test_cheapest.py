@@ -265,6 +265,15 @@ def test_each_lidar_has_a_reason(tmp_path, zones, changes, reasons):
     assert {reason.partition(" at x ")[0] for reason in why} == reasons
 
 
+def test_an_answer_says_that_a_pair_is_bought_together(tmp_path):
+    keys = {"zones": {"left": PAIR | {"lidars": [0, 1], "mirrored": True}}, "lidars": 2}
+    keys |= {"requirements": [LEFT]}
+    assert "LiDARs in left are in mirrored pairs: both of a pair are bought." in (
+        run(tmp_path, **keys).output
+    )
+    assert json.loads(run(tmp_path, "--json", **keys).output)["mirrored"] == ["left"]
+
+
 def test_refinement_leaves_out_what_is_not_needed(tmp_path):
     keys = SMALL | {"requirements": [ONE], "cheapest": {"by": "height"}}
     problem = read_problem(write_search(tmp_path, search=keys))

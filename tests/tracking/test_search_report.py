@@ -398,3 +398,23 @@ def test_peers_without_a_price_and_of_which_model(tmp_path):
 def test_the_command_rebuilds_it(folder):
     result = CliRunner().invoke(app, [str(folder)], catch_exceptions=False)
     assert result.stdout.strip() == str(folder / "search.html")
+
+
+def test_pairs_are_bought_together_and_each_model_has_edges_of_its_own(tmp_path):
+    folder = write_search(tmp_path / "pairs", complete=False)
+    written = changed(folder)
+    rig, (zone, *_) = written["rigs"]["found_1"], written["zones"]
+    model = rig["models"][0]
+    rig["mounts"] = [[0.1, 0.15, 2.0, 0.0, 0.35, 0.0] for _ in rig["mounts"]]
+    spans = {"roll_deg": [-10, 10], "pitch_deg": [20.05, 60], "yaw_deg": [0, 0]}
+    changed(folder, rigs=written["rigs"], zones=[zone | {"pitch_deg": [0, 90], "mirrored": True}])
+    page = page_of(folder)
+    assert (
+        f"LiDARs in {zone['name']} are in mirrored pairs: both of a pair are bought." in page.text
+    )
+    assert "LiDAR 1: pitch" not in page.text
+    of_model = zone | {"pitch_deg": [0, 90], "models": {model: spans}}
+    changed(folder, zones=[of_model])
+    page = page_of(folder)
+    assert "LiDAR 1: pitch" in page.text, "20 degrees are the least of this model"
+    assert "mirrored pairs" not in page.text

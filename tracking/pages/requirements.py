@@ -37,7 +37,7 @@ def counted(worst: pd.DataFrame) -> str:
     undecided = int((worst["undecided"] > 0).sum())
     failed = int((~worst["met"]).sum()) - undecided
     further = f", {undecided} undecided" if undecided else ""
-    return f"{failed} of {len(worst)} verdicts are failures{further}."
+    return f"{failed or 'None'} of {len(worst)} verdicts fail{'s' * (failed <= 1)}{further}."
 
 
 def verdict(row: Mapping[Any, Any]) -> str:
@@ -136,7 +136,7 @@ def requirement_map(
     x, y, least = ground.x, ground.y, ground.least.astype(np.float64)
     title = f"{text(rig)} · {text(worst['requirement'])}: {verdict(worst)}"
     plot = figure(title, height=map_height((np.ptp(y) + 2.0) / (np.ptp(x) + 4.0), 220, 560))
-    bar = {"title": {"text": "of need"}, "tickvals": [0, 1, 2], "ticktext": ["0", "1", "2 ≤"]}
+    bar = {"title": {"text": "of need"}, "tickvals": [0, 1, 2], "ticktext": ["0", "1", "≥ 2"]}
     of_need = f"%{{customdata:.3g}} {measure} of {needed:g}"
     plot.add_heatmap(
         x=x,

@@ -51,7 +51,7 @@ class Space:
     Attributes:
         groups: slots by their number, by zone, or by "" for all zones together.
         all_counts: numbers of LiDARs in the groups, fewest LiDARs first.
-        bounds: of zones, of models, of all LiDARs.
+        bounds: of zones and models that have any, of all LiDARs.
         sum_bounds: of all LiDARs, then of models.
 
     Raises ValueError: no zone is wide enough for symmetry, or no rig keeps all bounds, or there are
@@ -65,7 +65,7 @@ class Space:
         if settings.symmetric:
             _check_symmetry(self.zones)
         counts = settings.zone_counts if settings.by_zone else {"": settings.total}
-        total, zone_bounds, model_bounds = self._count_bounds(counts)
+        total, zone_bounds, model_bounds = self._count_bounds()
         self.sum_bounds = (total, *model_bounds)
         groups = [
             {n: self._group_slots(zone, n) for n in range(low, high + 1)}
@@ -77,9 +77,7 @@ class Space:
         self.bounds = (*zone_bounds, *model_bounds, total)
         self._completed: dict[object, bool] = {}
 
-    def _count_bounds(
-        self, counts: Mapping[str, tuple[int, int]]
-    ) -> tuple[CountBound, list[CountBound], list[CountBound]]:
+    def _count_bounds(self) -> tuple[CountBound, list[CountBound], list[CountBound]]:
         """Return the bounds of all LiDARs, of zones and of models.
 
         Raises InputError: a zone is too small for its least number."""
@@ -87,9 +85,9 @@ class Space:
         models = {name: model.count for name, model in self.settings.models.items() if model.count}
         total = CountBound("lidars", *self.settings.total)
         of_zones = [
-            CountBound(f"zones.{zone}.lidars", *count, zone=zone, size=zones[zone].size)
-            for zone, count in counts.items()
-            if zone
+            CountBound(f"zones.{name}.lidars", *zone.lidars, zone=name, size=zone.size)
+            for name, zone in zones.items()
+            if zone.lidars
         ]
         of_models = [CountBound(f"models.{m}.count", *n, model=m) for m, n in models.items()]
         room = {zone.name: most_in_zone(zone, distance) for zone in self.zones}
