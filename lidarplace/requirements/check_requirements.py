@@ -280,7 +280,7 @@ def _of_volume(case: _Case, roi: Roi) -> Iterator[_Measured]:
         share, undecided = int(seen.sum()) / int(outside.sum()), 0.0
         if abs(share - layout.requirement.least) < NEAR_SHARE:
             low, high = _over_phases(case, sets[number], sensors)
-            if low < layout.requirement.least <= high:
+            if low < layout.requirement.least - 1e-9 and high >= layout.requirement.least:
                 share, undecided = low, high - low
         least = float(shares[worst])
         yield label, CaseResult("", share, share, x, y, None, least, undecided), shares
