@@ -48,11 +48,28 @@ lidar = replace(Lidar.named("vlp16"), range=60.0)
 own = Lidar.even(beams=16, elevation_deg=(-25, 5), azimuth_steps=1800, azimuth_deg=(-60, 60))
 ```
 
+## From a maker's file
+
+```sh
+lidarplace sensors import metadata.json                   # Ouster
+lidarplace sensors import VLP16db.yaml --out lidar.yaml   # Velodyne, of ROS; .xml of VeloView
+lidarplace sensors import angle_correction.csv --like xt32  # Hesai
+```
+
+It compares the unit with the nearest LiDAR of the catalogue and prints a `lidar:` block with its
+elevations, azimuth offsets of beams (`azimuth_offsets_deg`, positive to the left), heights of
+lasers and azimuth steps. Ranges come from the catalogue if the beams are those of an entry, or from
+`--like`. Beams that start beside the axis start on it here; the command says by how much.
+Each group of beams with an offset of its own is cast by itself, so clouds take longer; coverage by
+cones is the same for a full turn.
+
 ## What the numbers mean
 
 - Beams come from a table that the maker or a driver has published. Otherwise they are spread
   evenly, and `approximate` is set. All beams of a LiDAR fire at the same azimuths, 10 frames per
-  second. Horizontal offsets between beams are ignored; vertical ones are known for `hdl64e`.
+  second. Horizontal offsets between beams come from the maker's
+  file of a unit (`lidarplace sensors import`), not from the catalogue; vertical ones are known for
+  `hdl64e`.
 - Values without a source are missing, a dash below: no noise and no minimum range are simulated
   then. Not all sources are data sheets; some are drivers, copies of manuals, shop pages and
   simulator models. The data sheet of the unit that you buy has precedence.

@@ -127,7 +127,7 @@ def _app_of_plugin(name: str, module: str) -> Any:
         if not isinstance(app, typer.Typer):
             raise ValueError(f"{name} ({module}): app is no Typer app, but {type(app).__name__}")
     except ValueError as error:
-        print(f"{error}; mend or uninstall it", file=sys.stderr)
+        print(f"{error}; repair or uninstall it", file=sys.stderr)
         raise typer.Exit(2) from None
     return app
 

@@ -17,7 +17,7 @@ CONVERT = ("nuscenes", "argoverse", "table", "kitti")
 COMMANDS = [
     *(name for name in VERBS if name not in ("convert", "sensors")),
     *(f"convert {name}" for name in CONVERT),
-    *("sensors list", "sensors fit"),
+    *("sensors list", "sensors fit", "sensors import"),
 ]
 
 

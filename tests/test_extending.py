@@ -220,5 +220,5 @@ def test_a_broken_command_leaves_others_alone(tmp_path):
     output = python(tmp_path, "-c", PROGRAM, "bad", path=tmp_path, code=2)
     assert output == (
         "bad (bad_commands): cannot be imported: ZeroDivisionError: division by zero; "
-        "mend or uninstall it\n"
+        "repair or uninstall it\n"
     )

@@ -21,8 +21,8 @@ def digits(value: float, form: str) -> str:
 
 
 def number(value: float) -> str:
-    """Format five significant digits, thousands separated."""
-    if value == 0 or not np.isfinite(value):
+    """Format five significant digits, thousands separated; what rounds to 0.00000000 is 0."""
+    if abs(value) < 5e-9 or not np.isfinite(value):
         return digits(value, "z.0f")
     decimals = max(0, 4 - int(np.floor(np.log10(abs(value)))))
     return digits(value, f",.{min(decimals, 8)}f")

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -22,10 +23,13 @@ from training.prediction_batches import PredictionBatches
 from training.settings import TrainingSettings
 from training.typical_objects import TypicalObject
 
+BoxArrays = dict[str, NDArray[np.generic]]
+"""Boxes, scores and labels of a frame, see `as_arrays`."""
+
 
 @dataclass(frozen=True)
 class Detections:
-    """Boxes that a detector found; ego frame, metres and radians."""
+    """Boxes of a detector; ego frame, metres and radians."""
 
     boxes: pd.DataFrame  # frame, class, x, y, z, length, width, height, yaw, score
     # The same, but for class and score, of all boxes of the second stage before any is dropped
@@ -44,46 +48,66 @@ def detect(
     """Detect objects in all frames of `clouds`.
 
     Takes what `finetune` took and returned; `classes` are those of the network."""
-    model = build(detector, classes, point_range=point_range, typical=typical)
-    model.load_state_dict(state_dict)
-    if is_built_in(model):  # others may call layers one by one
-        fold_batch_norm(model)
-    model.to(device()).eval()
-    half = half_type(model.device, settings.mixed_precision, predicting=True)
-    preset = model.selection
-    score = preset.score if settings.score_threshold is None else settings.score_threshold
-    threshold = preset.nms if settings.nms_threshold is None else settings.nms_threshold
-    selection = replace(preset, score=score, nms=threshold)
+    return Predictor(detector, classes, state_dict, settings, point_range, typical).detect(clouds)
 
-    def predict(batch: range) -> list[dict[str, NDArray[np.generic]]]:
+
+class Predictor:
+    """A trained network on its device, for the clouds of one rig after the other.
+
+    Arguments as of `detect`. On a GPU memory is measured with the first clouds."""
+
+    def __init__(
+        self,
+        detector: str,
+        classes: Sequence[str],
+        state_dict: Mapping[str, Tensor],
+        settings: TrainingSettings,
+        point_range: PointRange | None = None,
+        typical: Sequence[TypicalObject] = (),
+    ) -> None:
+        self._model = model = build(detector, classes, point_range=point_range, typical=typical)
+        model.load_state_dict(state_dict)
+        if is_built_in(model):  # others may call layers one by one
+            fold_batch_norm(model)
+        model.to(device()).eval()
+        self._classes = np.array(list(classes), dtype=object)
+        self._half = half_type(model.device, settings.mixed_precision, predicting=True)
+        preset = model.selection
+        score = preset.score if settings.score_threshold is None else settings.score_threshold
+        threshold = preset.nms if settings.nms_threshold is None else settings.nms_threshold
+        self._selection = replace(preset, score=score, nms=threshold)
+        self._batches = PredictionBatches(model.device, settings.batch_size)
+
+    def detect(self, clouds: CloudFrames) -> Detections:
+        """Detect objects in all frames of `clouds`."""
+        frames = self._batches.results(partial(self._predict, clouds), len(clouds))
+        boxes = self._table(clouds, frames, "boxes")
+        check_boxes_of(self._model, boxes)
+        labels = np.concatenate([np.zeros(0, np.int64), *(item["labels"] for item in frames)])
+        boxes.insert(1, "class", self._classes[labels - 1])
+        boxes["score"] = np.concatenate([np.zeros(0), *(item["scores"] for item in frames)])
+        two_stages = bool(frames) and "refined" in frames[0]
+        return Detections(boxes, self._table(clouds, frames, "refined") if two_stages else None)
+
+    def _predict(self, clouds: CloudFrames, batch: range) -> list[BoxArrays]:
         """Predict the boxes of some frames, as arrays."""
+        model = self._model
         points = points_on(model.device, clouds, batch)
         for cloud in points:
             cloud[:, 2] -= model.sensor_height
-        autocast = torch.autocast(model.device.type, half, enabled=half is not None)
+        autocast = torch.autocast(model.device.type, self._half, enabled=self._half is not None)
         with torch.no_grad(), autocast, guarded(model):
-            predictions = model.predict(points, selection)
+            predictions = model.predict(points, self._selection)
         return as_arrays(model, predictions, [clouds.frames[i] for i in batch])
 
-    batches = PredictionBatches(model.device, settings.batch_size)
-    frames = batches.results(predict, len(clouds))
-
-    def table(name: str) -> pd.DataFrame:
-        """Table of the boxes `name` of all frames."""
+    def _table(self, clouds: CloudFrames, frames: Sequence[BoxArrays], name: str) -> pd.DataFrame:
+        """Return the table of the boxes `name` of all frames."""
         boxes = np.concatenate([np.zeros((0, 7)), *(item[name] for item in frames)])
-        boxes[:, 2] += model.sensor_height
+        boxes[:, 2] += self._model.sensor_height
         rows = pd.DataFrame(boxes, columns=list(GEOMETRY))
         numbers = np.asarray(clouds.frames, np.int64)
         rows.insert(0, "frame", np.repeat(numbers, [len(item[name]) for item in frames]))
         return rows
-
-    boxes = table("boxes")
-    check_boxes_of(model, boxes)
-    labels = np.concatenate([np.zeros(0, np.int64), *(item["labels"] for item in frames)])
-    boxes.insert(1, "class", np.array(list(classes), dtype=object)[labels - 1])
-    boxes["score"] = np.concatenate([np.zeros(0), *(item["scores"] for item in frames)])
-    two_stages = bool(frames) and "refined" in frames[0]
-    return Detections(boxes, table("refined") if two_stages else None)
 
 
 def fold_batch_norm(model: nn.Module) -> None:

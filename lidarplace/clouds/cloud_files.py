@@ -7,9 +7,11 @@ from typing import BinaryIO
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from pyarrow import feather
 
 from lidarplace.base.errors import InputError
+from lidarplace.base.kernel_cache import njit
 from lidarplace.files.atomic import first_line, reading
 from lidarplace.files.columns import check_columns, groups, integers, no_text, numbers_if_known
 from lidarplace.files.regular import regular
@@ -41,7 +43,7 @@ def read_cloud(path: Path) -> pd.DataFrame:
     """Return the points of a file, in its order and in its own frame.
 
     `.bin` is KITTI's (x, y, z, intensity; float32), `.pcd.bin` nuScenes' (and ring), `.pcd` that of
-    the Point Cloud Library (ascii or binary); `.feather`, `.parquet` and structured `.npy` have
+    the Point Cloud Library (any coding); `.feather`, `.parquet` and structured `.npy` have
     named columns, see `NAMES`; an `.npy` without names has those of `COLUMNS` in their order. x, y,
     z are float32 or float64; what a LiDAR did not see may be NaN. Raises ValueError, which names
     the file, for what cannot be read, is none of these, or has a wrong value."""
@@ -164,12 +166,60 @@ def _pcd_points(file: BinaryIO, header: Mapping[str, list[str]]) -> pd.DataFrame
     elif coding == "binary":
         records = np.frombuffer(file.read(), np.dtype(kinds_of_fields), points)
         table = pd.DataFrame({name: records[name][:, 0] for name, _, _ in kinds_of_fields})
+    elif coding == "binary_compressed":  # each field of all points, one after the other
+        packed, size = np.frombuffer(file.read(8), "<u4").tolist()
+        kinds_of_all = [(name, kind, (points, *count)) for name, kind, count in kinds_of_fields]
+        if size != np.dtype(kinds_of_all).itemsize:
+            raise InputError(key="POINTS", expected=f"{points} points", found=f"{size} bytes")
+        data = decompress_lzf(np.frombuffer(file.read(packed), np.uint8), size)
+        (record,) = np.frombuffer(data.tobytes(), np.dtype(kinds_of_all))
+        table = pd.DataFrame({name: record[name][:, 0] for name, _, _ in kinds_of_fields})
     else:
-        allowed = "ascii or binary, which PCL converts to"
+        allowed = "ascii, binary or binary_compressed"
         raise InputError(key="DATA", expected=allowed, found=coding)
     if len(table) != points:
         raise InputError(key="POINTS", expected=points, found=len(table))
     return table
+
+
+def decompress_lzf(data: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
+    """Return `size` bytes that LZF compressed, as the Point Cloud Library does.
+
+    Raises ValueError for data that are damaged."""
+    out = np.empty(size, np.uint8)
+    if _lzf(data, out) != size:
+        raise ValueError("damaged compressed data")
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _lzf(data: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
+    """Decompress into `out`, and return the number of bytes; -1 if the data are damaged."""
+    i, n = 0, 0
+    while i < len(data):
+        control = int(data[i])
+        i += 1
+        if control < 32:  # a run of bytes as they are
+            length = control + 1
+            if i + length > len(data) or n + length > len(out):
+                return -1
+            out[n : n + length] = data[i : i + length]
+            i += length
+        else:  # a run that is there already
+            length = 2 + (control >> 5)
+            if length == 9 and i < len(data):
+                length += int(data[i])
+                i += 1
+            if i >= len(data):
+                return -1
+            start = n - ((control & 31) << 8) - int(data[i]) - 1
+            i += 1
+            if start < 0 or n + length > len(out):
+                return -1
+            for k in range(length):  # runs may overlap
+                out[n + k] = out[start + k]
+        n += length
+    return n
 
 
 # By the end of a file's name; the first that fits.

@@ -96,10 +96,11 @@ class Scene(NamedTuple):
 
 
 class SimulatedClouds:
-    """The clouds of `collect`, each simulated when it is asked for and not kept.
+    """The clouds of `collect`, each simulated when it is indexed, and not kept.
 
     `clouds[i]` has the points of `collect(…)[i]`, to the last bit, without packing them. Arguments
-    and errors as of `collect`; a bad frame is named when it is asked for.
+    and errors as of `collect`; an error about a frame comes when it is indexed. In the place of a
+    log, clouds of several rigs can share its `Surroundings` of the same seed.
 
     Attributes:
         frames: frame numbers, shape (F,), int64.
@@ -108,7 +109,7 @@ class SimulatedClouds:
 
     def __init__(
         self,
-        log: BoxLog,
+        log: BoxLog | Surroundings,
         frames: ArrayLike,
         placement: Placement,
         crop: Crop,
@@ -123,7 +124,9 @@ class SimulatedClouds:
         if len(mounts) > 256:
             raise InputError(key="mounts", expected="at most 256 in a cloud", found=len(mounts))
         self.frames = np.asarray(frames, np.int64)
-        self._surroundings = Surroundings(log, seed)
+        self._surroundings = Surroundings(log, seed) if isinstance(log, BoxLog) else log
+        if self._surroundings.seed != seed:
+            raise InputError(key="seed", expected=self._surroundings.seed, found=seed)
         self._placement, self._errors = placement, errors
         self._vehicle, self._body = vehicle, body_parts(vehicle)
         self._patterns = any(lidar.pattern is not None for lidar in lidars)
@@ -152,13 +155,12 @@ class SimulatedClouds:
 
     def scene(self, index: int) -> Scene:
         """Return rig and surroundings of a frame."""
-        frame = int(self.frames[index])
-        return self._scene(frame, self._surroundings.parts(frame, self._reach))
+        return self.scenes([index])[0]
 
     def scenes(self, indices: Sequence[int]) -> list[Scene]:
         """Return rig and surroundings of several frames, faster than one by one."""
         frames = self.frames[list(indices)].tolist()
-        parts = self._surroundings.parts_of_frames(frames, self._reach)
+        parts = self._surroundings.shared_parts(frames, self._reach)
         return [self._scene(*of_frame) for of_frame in zip(frames, parts, strict=True)]
 
     def _scene(self, frame: int, surrounding: Parts) -> Scene:

@@ -29,6 +29,8 @@ def ends_of(
     order of `Lidar.directions()`, shape (rays,); NO_ENDS if none meets any. `housings` are without
     the LiDAR's own; boxes of the vehicle do not matter here."""
     mesh = None if vehicle is None else vehicle.mesh
+    if mesh is None and not len(housings):
+        return NO_ENDS
     ends = np.zeros(lidar.rays)
     for rays, numbers in rays_of(mount, lidar):
         _end_at_housings(rays, housings, ends[numbers])

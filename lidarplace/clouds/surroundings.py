@@ -20,18 +20,19 @@ SIGN_M = 0.6
 SIGN_HEIGHT_M = (1.0, 3.0)
 """Bottom of a sign above that of the building."""
 _PROUD_M = 0.05  # how far a sign stands out of the wall
+_MOST_PARTS = 1 << 18  # parts that are kept, 24 MB
 
 
 class Surroundings:
     """The parts and the ground in every frame of a log.
 
     `seed` decides what objects look like together with their ids, and buildings and ground together
-    with their place. Raises ValueError for a bad box, a frame that is listed twice, or a frame
-    without a pose in a scene with buildings or a world."""
+    with their place. Several rigs can share one. Raises ValueError for a bad box, a frame that is
+    listed twice, or a frame without a pose in a scene with buildings or a world."""
 
     def __init__(self, log: BoxLog, seed: int = 0) -> None:
         check_boxes(log.boxes)
-        self._seed = seed
+        self.log, self.seed = log, seed
         self._shapes = shapes_of(log.boxes, seed)
         self._classes = log.boxes["class"]
         frame = log.boxes["frame"].to_numpy(np.int64)
@@ -47,6 +48,8 @@ class Surroundings:
         self.worlds, self._scenes = worlds_of(log.world), {s: n for n, s in enumerate(log.world)}
         self._poses = self._poses_of(log)
         self._places = full_poses(log.frames) if log.world else {}
+        self._parts: dict[tuple[int, float], Parts] = {}
+        self._kept = 0
 
     def _poses_of(self, log: BoxLog) -> dict[int, tuple[str, NDArray[np.float64]]]:
         """Return scene and pose of every frame that has a finite one."""
@@ -84,11 +87,20 @@ class Surroundings:
         """Return objects of the frame, owners numbered as in `rows`, and buildings; ego frame.
 
         Those farther than `reach` metres from the vehicle are left out."""
-        rows = self._checked_rows(frame)
-        return self._with_buildings(self._shapes.parts(rows, self._geometry[rows]), frame, reach)
+        return self._computed([frame], reach)[0]
 
-    def parts_of_frames(self, frames: Sequence[int], reach: float) -> list[Parts]:
-        """Return the `parts` of every frame, faster than one by one."""
+    def shared_parts(self, frames: Sequence[int], reach: float) -> list[Parts]:
+        """Return the `parts` of every frame, faster than one by one; the first ones are kept."""
+        kept = {f: self._parts[f, reach] for f in frames if (f, reach) in self._parts}
+        if missing := [frame for frame in frames if frame not in kept]:
+            for frame, of_frame in zip(missing, self._computed(missing, reach), strict=True):
+                kept[frame] = of_frame
+                if self._kept < _MOST_PARTS:
+                    self._parts[frame, reach] = of_frame
+                    self._kept += len(of_frame)
+        return [kept[frame] for frame in frames]
+
+    def _computed(self, frames: Sequence[int], reach: float) -> list[Parts]:
         rows = [self._checked_rows(frame) for frame in frames]
         together = np.concatenate([np.empty(0, np.int64), *rows])
         objects = self._shapes.parts(together, self._geometry[together])
@@ -135,11 +147,11 @@ class Surroundings:
 
     def ground(self, frame: int) -> Ground:
         """Return the ground of a frame; without a pose of the vehicle a place is drawn for it."""
-        cells, level = square(self._seed), self.world(frame) is None
+        cells, level = square(self.seed), self.world(frame) is None
         if frame in self._poses:
             x, y, yaw = self._poses[frame][1].tolist()
             return Ground(cells, (x, y, yaw), level)
-        u, v, turn = uniforms(f"{self._seed}/{frame}", 3, b"ground").tolist()
+        u, v, turn = uniforms(f"{self.seed}/{frame}", 3, b"ground").tolist()
         return Ground(cells, (u * CELLS * CELL_M, v * CELLS * CELL_M, turn * 2 * np.pi), level)
 
 

@@ -95,12 +95,29 @@ def nuscenes(
         Path | None,
         typer.Option(help="text file with one test scene per line, instead of --test-share"),
     ] = None,
+    channel: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="LiDAR of the rig, the one of the ego's poses first; repeatable, by default all"
+        ),
+    ] = None,
+    origin: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z",
+            help="origin of the ego frame of the tables in ours, metres; by default that of "
+            "nuScenes' vehicle",
+        ),
+    ] = None,
 ) -> None:
-    """Annotated key frames of nuScenes v1.0."""
+    """Annotated key frames of nuScenes v1.0, and data sets of the same tables."""
 
     def read(ignored: Counter[str]) -> BoxLog:
         test = read_text(test_scenes).split() if test_scenes else test_share
         arguments = options.arguments(ignored)
+        if origin is not None:
+            arguments["origin"] = [0 - value for value in origin]
+        arguments["channels"] = channel or ()
         return read_nuscenes(source, version=version, test_scenes=test, **arguments)
 
     convert_log(read, source, out, options)
@@ -304,7 +321,7 @@ def _propose(source: Path, path: Path) -> None:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        wrong(f"{path}: is there already, and is not overwritten; name another file")
+        wrong(f"{path}: exists, and is not overwritten; name another file")
     except (ValueError, OSError) as error:
         wrong(error)
     say(path)

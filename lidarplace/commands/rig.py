@@ -17,6 +17,7 @@ from lidarplace.command_line.verbs import checked_input, new_app, verb
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import fault
+from lidarplace.rig_files.autoware import FILES
 from lidarplace.rig_files.formats import FORMATS, RigFormat, format_of
 from lidarplace.rig_files.mounted import RigSensor, Vector, check_lidars, lidars_in, of_frame
 from lidarplace.rig_files.mounts_yaml import read_mounts_yaml, write_mounts_yaml
@@ -59,19 +60,21 @@ def rig(
         list[str] | None,
         typer.Option(
             metavar="PATTERN",
-            help="sensors by name, * matches any text; repeatable. Required for LiDARs of urdf "
-            "and ros2, which have frames of all kinds; all by default in other formats",
+            help="sensors by name, * matches any text; repeatable. Required for LiDARs of urdf, "
+            "ros2 and autoware, which have frames of all kinds; all by default in other formats",
         ),
     ] = None,
     cameras: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="PATTERN", help="frames of urdf and ros2 that are cameras; repeatable"
+            metavar="PATTERN", help="frames of urdf, ros2 and autoware that are cameras; repeatable"
         ),
     ] = None,
     radars: Annotated[
         list[str] | None,
-        typer.Option(metavar="PATTERN", help="frames of urdf and ros2 that are radars; repeatable"),
+        typer.Option(
+            metavar="PATTERN", help="frames of urdf, ros2 and autoware that are radars; repeatable"
+        ),
     ] = None,
     lidar: Annotated[
         str | None,
@@ -92,15 +95,15 @@ def rig(
 
     Prints the mounts in our ego frame: metres, degrees."""
     with checked_input():
-        reads = out.suffix in OWN
-        if reads == (source.suffix in OWN):
+        reads = _is_ours(out)
+        if reads == _is_ours(source):
             expected = "exactly one YAML file with mounts"
             raise InputError(place=f"{source} and {out}", expected=expected)
         source.stat()  # raises if it is not there, before its frame is asked for
         format_of_file = format_of(source if reads else out, format_)
         start = _start(format_of_file, origin, source if reads else out)
         if (cameras or radars) and not (reads and format_of_file.frames):
-            wrong = "are for frames that urdf and ros2 are read of"
+            wrong = "are for frames that urdf, ros2 and autoware are read of"
             raise InputError(wrong, place="--cameras, --radars")
         if reads:
             sensors = format_of_file.read(source, only or [])
@@ -131,6 +134,11 @@ def rig(
             say(f"warning: {sensor.name} is {-sensor.mount.z:g} m under the ground", sys.stderr)
     output().print(table(None, HEAD, map(_row, sensors)))
     say(out)
+
+
+def _is_ours(path: Path) -> bool:
+    """Return whether a path is that of a YAML file of `mounts`."""
+    return path.suffix in OWN and not path.name.endswith(FILES)
 
 
 def _start(rig_format: RigFormat, origin: Vector | None, path: Path) -> Vector:

@@ -1,4 +1,4 @@
-"""LiDARs known by name, `lidarplace sensors [NAME …]`, or fitted, `lidarplace sensors fit`."""
+"""LiDARs known by name, `lidarplace sensors [NAME …]`, fitted or imported from files."""
 
 from collections.abc import Iterator
 from typing import Annotated, Any
@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 from lidarplace.commands.sensors_fit import fit
+from lidarplace.commands.sensors_import import import_
 from lidarplace.rigs.catalogue.datasheet import Datasheet, catalogue, datasheet
 
 
@@ -22,8 +23,10 @@ class _NamesOrFit(TyperGroup):
 
 app = new_app(
     cls=_NamesOrFit,
-    help="List the LiDARs that are known by name (`list` may be left out), or fit one.",
+    help="List the LiDARs that are known by name (`list` may be left out), fit one, or import "
+    "one from its maker's file.",
 )
+verb(app, "metadata.json", "VLP16db.yaml --out lidar.yaml", name="import")(import_)
 verb(app, "sweeps/ --like vlp32c --out lidar.yaml", "000000.bin --like hdl64e")(fit)
 
 HEAD = (

@@ -31,10 +31,14 @@ from lidarplace.rigs.lidar import Lidar, pattern_in
 Side = Annotated[float, Strict(), Field(ge=1, le=2000, allow_inf_nan=False)]
 """Side of a LiDAR, millimetres; metres are below."""
 
+Aside = Annotated[float, Strict(), Field(ge=-180, le=180, allow_inf_nan=False)]
+"""Degrees of a beam beside the azimuth step."""
+
 MOST_BEAMS = 10_000
 MOST_RAYS = 20_000_000
 """Rays of a turn: two hundred times the paper's, beyond which a mistyped number is likelier."""
 TURNING = {"azimuth_deg", "azimuth_steps", "beams", "elevation_deg", "elevations_deg", "offsets_m"}
+TURNING |= {"azimuth_offsets_deg"}
 """Keys of a LiDAR whose beams turn."""
 ANY = ("range", "range_10", "range_80", "min_range", "range_noise", "wavelength_nm", "size_mm")
 """Keys that data sheets of any LiDAR may have."""
@@ -68,6 +72,11 @@ class SensorSettings(Settings):
         None,
         description="offset of the laser of every beam along the sensor's z axis, where its rays "
         "start, metres; null: all start at the origin",
+    )
+    azimuth_offsets_deg: Annotated[tuple[Aside, ...], Field(max_length=MOST_BEAMS)] | None = Field(
+        None,
+        description="offset of every beam from the azimuth steps, degrees, positive to the left; "
+        "null: all fire at the steps",
     )
     azimuth_steps: CountFromOne = Field(5625, description="firings of a beam per turn")
     range: Distance = Field(100.0, gt=0, description="farthest return, metres")
@@ -220,4 +229,6 @@ class SensorSettings(Settings):
             size=self.size_mm and metres(self.size_mm),
             pattern=pattern,
             offsets=self.offsets_m,
+            azimuth_offsets=self.azimuth_offsets_deg
+            and tuple(map(math.radians, self.azimuth_offsets_deg)),
         )

@@ -14,6 +14,7 @@ Where range or field of view end within a tile, its voxels are tested against th
 that is seen. A pattern that does not repeat sweeps no cones; its rays are walked one by one."""
 
 import threading
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -39,9 +40,14 @@ def cone_bits(placement: Placement, roi: Roi, tiles: Tiles) -> Bits:
     """Return voxels that the beams of `placement` cover, right for those that matter by `tiles`."""
     bits = empty(roi.shape)
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
-        for block_mount, block, _ in blocks(mount, lidar):
+        for block_mount, block, _ in blocks(mount, _around(lidar)):
             bits |= sensor_bits(block, block_mount, roi, tiles)
     return bits
+
+
+def _around(lidar: Lidar) -> Lidar:
+    """Return the LiDAR without offsets of azimuth, if its cones are whole: they are the same."""
+    return replace(lidar, azimuth_offsets=None) if lidar.full_turn else lidar
 
 
 def _key(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> tuple[Any, ...]:
@@ -89,7 +95,7 @@ def covered_voxel_by_voxel(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
     """Return `coverage` by cones, by the test of every single voxel: slower, always valid."""
     covered = np.zeros(roi.shape, np.bool_)
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
-        for block_mount, block, _ in blocks(mount, lidar):
+        for block_mount, block, _ in blocks(mount, _around(lidar)):
             cover_voxels(_sensor(block, block_mount), roi.minimum, roi.resolution, covered)
     return covered
 

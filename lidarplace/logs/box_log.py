@@ -13,6 +13,7 @@ import pandas as pd
 from pydantic import TypeAdapter, ValidationError
 
 from lidarplace.base.errors import InputError
+from lidarplace.base.number_text import percent
 from lidarplace.files import columns
 from lidarplace.files.atomic import replacing
 from lidarplace.files.json_file import read_json
@@ -191,7 +192,9 @@ def check_listed(boxes: pd.DataFrame, frames: pd.DataFrame, source: str, name: s
     off = np.abs(box_time - time[row]) if several else np.zeros(len(box_time))
     step = frames.sort_values("frame")["timestamp_s"].diff().abs().median()
     if step > 0 and (far := off > step / 2).mean() > 0.5:
-        problem = f"the time is not that of the frame in {name} in {far.mean():.0%} of the rows"
+        problem = (
+            f"the time is not that of the frame in {name} in {percent(far.mean())} of the rows"
+        )
         parts = {"expected": f"{time[row][far][0]:.16g}", "fix": "are frame numbers off by one?"}
         parts |= {"place": f"{source}: row {int(far.argmax())}", "key": "timestamp_s"}
         raise InputError(problem, found=f"{box_time[far][0]:.16g}", **parts)

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.base.errors import InputError
-from lidarplace.base.number_text import number
+from lidarplace.base.number_text import number, percent
 from lidarplace.logs.boxes import GEOMETRY, SIZE, first
 from lidarplace.logs.convention import Convention
 
@@ -50,9 +50,10 @@ class ImplausibleValue(NamedTuple):
             value = " x ".join(number(box[side]) for side in SIZE)
         elif self.check in ("place", "axes", "duplicates", "split"):
             value = f"x {number(box['x'])}, y {number(box['y'])}"
+        share = percent(self.rows.mean(), ".1f")
         return (
-            f"{self.rows.sum():,} of {len(boxes):,} {kind} ({self.rows.mean():.1%}), the first "
-            f"in frame {box['frame']} with {value}"
+            f"{self.rows.sum():,} of {len(boxes):,} {kind} ({share}), the first in frame "
+            f"{box['frame']} with {value}"
         )
 
 
@@ -87,8 +88,8 @@ def implausible_boxes(boxes: pd.DataFrame) -> Iterator[str]:
     ):
         if rows.any():
             yield (
-                f"{rows.sum():,} of {len(boxes):,} boxes ({rows.mean():.0%}) are {problem}, the "
-                f"first in row {int(rows.argmax())}: {hint}"
+                f"{rows.sum():,} of {len(boxes):,} boxes ({percent(rows.mean())}) are {problem}, "
+                f"the first in row {int(rows.argmax())}: {hint}"
             )
 
 

@@ -1,9 +1,12 @@
 """Errors of mounts that are not where they were meant to be, the same for all rigs."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lidarplace.base.errors import InputError
@@ -37,19 +40,34 @@ class MountingErrors:
 
         In one vehicle the i-th LiDAR of every rig is off by the same: differences are paired."""
         every = [*placement.mounts, *(mount for mount, _ in placement.dead)]
-        off = [self.displaced(m, np.random.default_rng((*key, n))) for n, m in enumerate(every)]
+        off = [self._moved(m, *_error(self, *key, n)) for n, m in enumerate(every)]
         working = len(placement.mounts)
         dead = zip(off[working:], (lidar for _, lidar in placement.dead), strict=True)
         return replace(placement, mounts=off[:working], dead=tuple(dead))
 
     def displaced(self, mount: Mount, random: np.random.Generator) -> Mount:
         """Draw the mount with an error; its angles are those of the turned rotation."""
-        shift, turn = random.uniform(-1, 1, (2, 3)) * [[self.offset], [self.angle]]
-        x, y, z = (mount.position + shift).tolist()
+        return self._moved(mount, *_draw(self, random))
+
+    def _moved(self, mount: Mount, shift: Sequence[float], turn: NDArray[np.float64]) -> Mount:
         roll, pitch, yaw = mount.roll, mount.pitch, mount.yaw
         if self.angle:  # without it the angles stay: others may mean the same rotation
-            roll, pitch, yaw = angles(Rotation.from_rotvec(turn).as_matrix() @ mount.rotation)
-        return Mount(x, y, z, roll, pitch, yaw)
+            roll, pitch, yaw = angles(turn @ mount.rotation)
+        return Mount(mount.x + shift[0], mount.y + shift[1], mount.z + shift[2], roll, pitch, yaw)
+
+
+@lru_cache(maxsize=1 << 15)
+def _error(errors: MountingErrors, *key: int) -> tuple[list[float], NDArray[np.float64]]:
+    """Return the error of one LiDAR of a vehicle, which all rigs share."""
+    return _draw(errors, np.random.default_rng(key))
+
+
+def _draw(
+    errors: MountingErrors, random: np.random.Generator
+) -> tuple[list[float], NDArray[np.float64]]:
+    """Draw an offset, metres, and a rotation."""
+    shift, turn = random.uniform(-1, 1, (2, 3)) * [[errors.offset], [errors.angle]]
+    return shift.tolist(), Rotation.from_rotvec(turn).as_matrix()
 
 
 def fleet(

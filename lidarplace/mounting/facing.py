@@ -1,4 +1,4 @@
-"""Pairs of LiDARs that look into each other: the light of one blinds or deceives the other."""
+"""Pairs of LiDARs that look into each other: the light of one disturbs the other."""
 
 from itertools import combinations
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lidarplace.base.errors import InputError
+from lidarplace.rig_files.autoware import FILES, read_autoware, write_autoware
 from lidarplace.rig_files.carla import read_carla, write_carla
 from lidarplace.rig_files.mounted import RigSensor, Vector
 from lidarplace.rig_files.nuscenes import read_nuscenes_rig, write_nuscenes_rig
@@ -37,8 +38,15 @@ FORMATS = {
     "ros2": RigFormat(read_ros2, write_ros2, suffixes=(".launch.xml", ".launch"), frames=True),
     "carla": RigFormat(read_carla, write_carla, (0.0, 0.0, 0.0), lidars_alone=True),
     "osi": RigFormat(read_osi, write_osi),
+    "autoware": RigFormat(read_autoware, write_autoware, suffixes=FILES, frames=True),
 }
 """Formats by name."""
+PROGRAMS = {
+    ".launch.py": "launch it, and pass its robot: `ros2 param get --hide-type "
+    "/robot_state_publisher robot_description > car.urdf`",
+    ".xacro": "run `xacro FILE > car.urdf`, and pass that",
+}
+"""What makes a file that can be read of one that is a program, by suffix."""
 
 
 def format_of(path: Path, name: str | None) -> RigFormat:
@@ -50,5 +58,8 @@ def format_of(path: Path, name: str | None) -> RigFormat:
     for candidate in FORMATS.values():
         if path.name.endswith(candidate.suffixes or "\n"):
             return candidate
+    for suffix, fix in PROGRAMS.items():
+        if path.name.endswith(suffix):
+            raise InputError("a program, which is not executed", place=path, fix=fix)
     fix = f"name it with --format {'|'.join(FORMATS)}"
     raise InputError("unknown format", place=path, fix=fix)

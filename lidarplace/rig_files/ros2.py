@@ -1,6 +1,7 @@
-"""Rigs as static transforms of ROS 2: nodes `static_transform_publisher` of an XML launch file.
+"""Rigs as static transforms of ROS: nodes `static_transform_publisher` of an XML launch file.
 
-With either way to write arguments (https://docs.ros.org/en/rolling/p/tf2_ros)."""
+With either way to write arguments (https://docs.ros.org/en/rolling/p/tf2_ros), and that of ROS 1's
+package tf, whose last argument is a period (https://wiki.ros.org/tf#static_transform_publisher)."""
 
 import math
 import shlex
@@ -27,6 +28,7 @@ BY_ORDER = {
     for names in ((*PLACE, "yaw", "pitch", "roll", *FRAMES), (*PLACE, *QUATERNION, *FRAMES))
 }
 """Names of arguments without names, by their number. Angles begin with yaw."""
+PACKAGES = ("tf2_ros", "tf")
 
 
 def read_ros2(path: Path, only: Sequence[str]) -> list[RigSensor]:
@@ -39,12 +41,10 @@ def read_ros2(path: Path, only: Sequence[str]) -> list[RigSensor]:
         if root.tag != "launch":
             raise InputError("is no XML launch file", expected="the root launch", found=root.tag)
         nodes = [
-            node
-            for node in root.iter("node")
-            if node.get("pkg") == "tf2_ros" and PUBLISHER in (node.get("exec"), node.get("type"))
+            node for node in root.iter("node") if PUBLISHER in (node.get("exec"), node.get("type"))
         ]
         if not nodes:
-            raise InputError(f"no node {PUBLISHER} of tf2_ros")
+            raise InputError(f"no node {PUBLISHER}")
         return lidars_of([_joint(node, n) for n, node in enumerate(nodes)], only)
 
 
@@ -57,7 +57,10 @@ def _joint(node: Element, number: int) -> Joint:
             words = shlex.split(text)
         except ValueError as error:
             raise InputError(f"{error}: {text!r}", key="args") from None
-        arguments = _by_name(words)
+        if (package := node.get("pkg")) not in PACKAGES:
+            expected = " or ".join(PACKAGES)
+            raise InputError(f"unknown package of {PUBLISHER}", expected=expected, found=package)
+        arguments = _by_name(words[:-1] if package == "tf" else words)
         for name in FRAMES:
             if name not in arguments:
                 raise InputError(f"no --{name} in {text!r}")
@@ -69,7 +72,8 @@ def _joint(node: Element, number: int) -> Joint:
         else:
             angles = [numbers.get(name, 0.0) for name in ANGLES]
             matrix = Mount(*position, *angles).rotation
-        return Joint(arguments["frame-id"], arguments["child-frame-id"], position, matrix)
+        parent, child = (arguments[name].removeprefix("/") for name in FRAMES)
+        return Joint(parent, child, position, matrix)
 
 
 def _by_name(words: Sequence[str]) -> dict[str, str]:

@@ -25,7 +25,9 @@ def read_urdf(path: Path, only: Sequence[str]) -> list[RigSensor]:
         if root.tag != "robot":
             raise InputError("not a URDF", expected="the root robot", found=root.tag)
         if any("xacro" in str(element.tag) for element in root.iter()):
-            raise InputError("contains xacro", fix="run xacro, and pass its output")
+            raise InputError(
+                "contains xacro", fix=f"run `xacro {path.name} > car.urdf`, and pass that"
+            )
         return lidars_of([_joint(element) for element in root.iterfind("joint")], only)
 
 

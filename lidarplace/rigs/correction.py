@@ -27,6 +27,7 @@ class Mask:
     """Rows by elevation from the lowest, each of equal bins of azimuth over a full turn, the first
     of which begins at -pi; in [0, 1], not all 0."""
     edges: tuple[float, ...] = ()  # elevations between the rows, ascending, radians
+    turn: float = 0.0  # of the frame of directions in that of the bins, radians to the left
 
     def __post_init__(self) -> None:
         rows = tuple(tuple(map(float, row)) for row in self.shares)
@@ -50,7 +51,7 @@ class Mask:
     ) -> NDArray[np.float64]:
         """Return shares in these directions, radians; the arguments are broadcast."""
         table = np.array(self.shares)
-        turns = (azimuths + math.pi) / (2 * math.pi) % 1.0
+        turns = (azimuths + self.turn + math.pi) / (2 * math.pi) % 1.0
         columns = np.floor(turns * table.shape[1] + _HAIR).astype(np.int64) % table.shape[1]
         rows = np.searchsorted(np.array(self.edges), elevations, side="right")
         return np.asarray(table[rows, columns])

@@ -69,6 +69,8 @@ class Lidar:
         correction: what it loses on a real vehicle; None: nothing. See `corrected`.
         offsets: of every laser along the sensor's z axis, metres: there its rays start; None: all
             start at the origin. See `lidarplace.rigs.placement.blocks`.
+        azimuth_offsets: of every beam, radians, > 0 to the left: a beam fires at the azimuth steps
+            and in the field of view turned by that; None: at the steps. See `blocks`, too.
 
     Raises:
         ValueError: a value is out of its bounds, no azimuth step is in the field of view, light
@@ -92,6 +94,7 @@ class Lidar:
     frame: int = 0
     correction: Correction | None = None
     offsets: tuple[float, ...] | None = None
+    azimuth_offsets: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         elevations: Iterable[float] = self.elevations
@@ -124,7 +127,7 @@ class Lidar:
             if not possible:
                 raise InputError(key=key, expected=expected, found=getattr(self, key))
         if self.falloff == 0 and (self.extinction > 0 or self.window < 1):
-            wrong = "equals range_10, so nobody knows the range where light is lost"
+            wrong = "equals range_10, so the range at which light is lost is unknown"
             raise InputError(wrong, key="range_80", found=self.range_80)
         if self.size is not None:
             object.__setattr__(self, "size", tuple(map(float, self.size)))
@@ -141,15 +144,19 @@ class Lidar:
             raise InputError(wrong, key="azimuth", found=f"[{low}, {high}) radians")
 
     def _check_offsets(self) -> None:
-        if self.offsets is None:
-            return
-        object.__setattr__(self, "offsets", tuple(map(float, self.offsets)))
-        if self.pattern is not None or len(self.offsets) != self.beams:
-            each = "none for a pattern" if self.pattern else f"one for each of {self.beams} beams"
-            raise InputError(key="offsets", expected=each, found=len(self.offsets))
-        if not all(abs(offset) <= MOST_OFFSET for offset in self.offsets):
-            ends = f"{min(self.offsets):g} to {max(self.offsets):g} m"
-            raise InputError(key="offsets", expected=f"at most ±{MOST_OFFSET:g} m", found=ends)
+        for key, most, unit in (("offsets", MOST_OFFSET, "m"), ("azimuth_offsets", math.pi, "rad")):
+            if (values := getattr(self, key)) is None:
+                continue
+            values = tuple(map(float, values))
+            object.__setattr__(self, key, values)
+            if self.pattern is not None or len(values) != self.beams:
+                each = (
+                    "none for a pattern" if self.pattern else f"one for each of {self.beams} beams"
+                )
+                raise InputError(key=key, expected=each, found=len(values))
+            if not all(abs(value) <= most for value in values):
+                ends = f"{min(values):g} to {max(values):g} {unit}"
+                raise InputError(key=key, expected=f"at most ±{most:g} {unit}", found=ends)
 
     def __repr__(self) -> str:
         low, high = np.degrees([min(self.elevations), max(self.elevations)])
@@ -344,7 +351,10 @@ class Lidar:
         """Return unit vectors of all rays in the sensor's frame, shape (beams * fired_steps, 3).
 
         Rays of one beam are contiguous."""
-        return unit_vectors(np.asarray(self.elevations), self.azimuths())
+        azimuths = self.azimuths()
+        if self.azimuth_offsets is not None:
+            azimuths = azimuths + np.array(self.azimuth_offsets)[:, None]
+        return unit_vectors(np.asarray(self.elevations), azimuths)
 
 
 class Corrects(Protocol):

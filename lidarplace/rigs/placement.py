@@ -18,7 +18,7 @@ from lidarplace.base.plotting import Plottable
 from lidarplace.base.ranges import ANGLE
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.pose import from_carla, rotation
+from lidarplace.rigs.pose import angles, from_carla, rotation
 from lidarplace.rigs.weather import Weather
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -38,9 +38,9 @@ class Mount:
     yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(value) for value in astuple(self)):
-            expected = "finite coordinates and angles"
-            raise InputError(key="mount", expected=expected, found=astuple(self))
+        values = (self.x, self.y, self.z, self.roll, self.pitch, self.yaw)
+        if not all(map(math.isfinite, values)):
+            raise InputError(key="mount", expected="finite coordinates and angles", found=values)
         for name in _POSE:
             value = float(getattr(self, name))
             if name not in "xyz":
@@ -157,17 +157,28 @@ class Placement(Plottable):
 
 
 def blocks(mount: Mount, lidar: Lidar) -> list[tuple[Mount, Lidar, slice]]:
-    """Return a LiDAR as LiDARs whose rays start at their origins: runs of beams with one offset.
+    """Return a LiDAR as LiDARs without offsets: runs of beams with the same ones, on own mounts.
 
-    Mount, model without offsets and, in the order of `Lidar.directions()`, the numbers of the rays
-    of each; the LiDAR itself where it has no offsets."""
-    if lidar.offsets is None:
+    Mount, model and, in the order of `Lidar.directions()`, the numbers of the rays of each: at the
+    place where they start, and turned about the sensor's z axis; the LiDAR itself where it has no
+    offsets."""
+    if lidar.offsets is None and lidar.azimuth_offsets is None:
         return [(mount, lidar, slice(0, lidar.rays))]
+    none = (0.0,) * lidar.beams
+    both = list(zip(lidar.offsets or none, lidar.azimuth_offsets or none, strict=True))
     up, first, parts = mount.rotation[:, 2], 0, []
-    for offset, beams in groupby(range(lidar.beams), lidar.offsets.__getitem__):
-        block = replace(lidar, elevations=tuple(lidar.elevations[b] for b in beams), offsets=None)
+    for (offset, turn), beams in groupby(range(lidar.beams), both.__getitem__):
+        elevations = tuple(lidar.elevations[b] for b in beams)
+        block = replace(lidar, elevations=elevations, offsets=None, azimuth_offsets=None)
         x, y, z = (mount.position + offset * up).tolist()
-        parts.append((replace(mount, x=x, y=y, z=z), block, slice(first, first + block.rays)))
+        block_mount = replace(mount, x=x, y=y, z=z)
+        if turn:
+            turned = mount.rotation @ rotation(0.0, 0.0, turn)
+            block_mount = Mount(x, y, z, *angles(turned))
+            if (correction := lidar.correction) is not None and correction.mask is not None:
+                mask = replace(correction.mask, turn=correction.mask.turn + turn)
+                block = replace(block, correction=replace(correction, mask=mask))
+        parts.append((block_mount, block, slice(first, first + block.rays)))
         first += block.rays
     return parts
 

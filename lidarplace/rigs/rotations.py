@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from lidarplace.base.errors import InputError
+from lidarplace.base.number_text import percent
 
 MOST_OFF = 0.01  # from length 1: more than float32 and four decimals leave
 TILTED, LEVEL = np.cos(np.radians([30, 15]))  # vertical part of a LiDAR's axis
@@ -21,7 +22,7 @@ def rotations(quaternions: ArrayLike, row: Callable[[int], str] = lambda n: "") 
     if (wrong := np.flatnonzero(~(np.abs(lengths - 1) <= MOST_OFF))).size:
         length = f"{lengths[wrong[0]]:.6g}"
         problem, fix = "invalid quaternion", "a rotation has length 1, so this one is damaged"
-        expected = f"length 1 within {MOST_OFF:.0%}"
+        expected = f"length 1 within {percent(MOST_OFF)}"
         place = row(int(wrong[0]))
         raise InputError(problem, place=place, expected=expected, found=length, fix=fix)
     return Rotation.from_quat(quaternions)

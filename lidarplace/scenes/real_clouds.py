@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
+from lidarplace.base.number_text import percent
 from lidarplace.clouds.cloud_files import CLOUD_SUFFIXES, read_cloud
 from lidarplace.clouds.clouds import Crop, PointClouds, write_clouds
 from lidarplace.clouds.points_in_boxes import count_points
@@ -241,7 +242,7 @@ def _check_frame(
     outside = float(np.median(1 - inside[compared] / np.maximum(around[compared], 1)))
     if outside > MOST_OUTSIDE:
         problem = f"points around boxes are outside of them (median of {compared.sum():,} boxes)"
-        parts = {"expected": f"at most {MOST_OUTSIDE:.0%}", "found": f"{outside:.0%}"}
+        parts = {"expected": f"at most {percent(MOST_OUTSIDE)}", "found": f"{percent(outside)}"}
         fix = "are the clouds in another frame, or of other frames?"
         raise InputError(problem, place=folder, fix=fix, **parts)
 

@@ -113,7 +113,7 @@ def best_addition(rig: Rig, model: str | None, file: RigsFile, meter: Meter) -> 
     first = search.best(tried) if tried else None
     if first is None:
         broken = f" and that keeps {', '.join(search.broken)}" if search.broken else ""
-        raise ValueError(f"no pose was found that the file allows for one more LiDAR{broken}")
+        raise ValueError(f"no pose for one more LiDAR keeps the limits of the file{broken}")
     best = search.refined(first, zones, turn)
     alone = meter.measure(search.others).mean_recall
     return BestPose(best, alone, search.recall_at(best), search.broken)
@@ -144,7 +144,7 @@ class _Search:
 
     def __post_init__(self) -> None:
         if self.meter.recall.objects.table.empty:
-            raise ValueError("in the log no object counts; there is nothing to find")
+            raise ValueError("no object of the log counts, so every pose finds the same")
 
     @cached_property
     def lidar(self) -> Lidar:

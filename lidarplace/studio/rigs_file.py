@@ -188,5 +188,5 @@ def as_yaml(content: Mapping[str, Any]) -> str:
 def write_rigs(path: Path, text: str, overwrite: bool) -> None:
     """Write a file in one step. Raises FileExistsError: it exists, without `overwrite`."""
     if path.exists() and not overwrite:
-        raise FileExistsError(f"{path}: is there already; say overwrite, or name another file")
+        raise FileExistsError(f"{path}: exists; choose overwrite, or another name")
     write_text(path, text)

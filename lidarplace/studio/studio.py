@@ -334,7 +334,7 @@ class Studio:
 
     def _as_it_was(self, rig: Rig) -> None:
         if self.rig is not rig:
-            raise ValueError("the rig has changed meanwhile; ask again")
+            raise ValueError("the rig has changed since then; try again")
 
     def why_unseen(self, object_id: str) -> tuple[AimedRays, ...]:
         """Return what happens to the rays that the working LiDARs aim at an object of the frame.
@@ -386,9 +386,7 @@ class Studio:
         file of that name."""
         before = read_yaml_file(path) if path.exists() else None
         if before is not None and not is_evaluation(before):
-            raise InputError(
-                "is there already and is not an evaluation", place=path, fix="rename it"
-            )
+            raise InputError("exists, and is not an evaluation", place=path, fix="rename it")
         rigs = [edits.working(rig) for rig in self.rigs]
         sweep = sweep_of(rigs, self.file, scene, self.roi, self.classes)
         write_rigs(path, as_yaml(evaluation_of(sweep, self.file, before)), overwrite=True)

@@ -31,13 +31,15 @@ def cheapest(
     """Find the cheapest rig that meets all requirements, by LiDARs, price, power or height.
 
     Solves the grid of candidates of a search, with a proof or a bound, then refines the rig off the
-    grid. Needs no traffic, unless search.cheapest.recall is set. Writes placement.yaml."""
+    grid. Needs no traffic, unless search.cheapest.recall is set. Writes
+    placement.yaml and a page, cheapest.html."""
     from sweeps.results.origin import record_origin
     from sweeps.search.cheapest.choose import cheapest as choose
     from sweeps.search.cheapest.choose import check
+    from sweeps.search.cheapest.page import write_cheapest_page
     from sweeps.search.cheapest.polish import polish
-    from sweeps.search.cheapest.result import as_json as told
-    from sweeps.search.cheapest.result import print_chosen, write_chosen
+    from sweeps.search.cheapest.result import CheapestAnswer, print_answer, write_answer
+    from sweeps.search.cheapest.result import as_json as answer_json
     from sweeps.search.problem.problem import read_problem
     from sweeps.search.verification.reevaluation import recall_of
     from sweeps.store.open import store_of
@@ -57,10 +59,12 @@ def cheapest(
     with checked_input():
         chosen = choose(problem, recall)
     rig = None if chosen.rig is None else polish(problem, chosen.rig, recall)
-    folder = write_chosen(problem, chosen, rig, called())
+    answer = CheapestAnswer(problem, chosen, rig, called(), recall)
+    folder = write_answer(answer)
+    write_cheapest_page(answer, folder)
     if as_json:
-        print_json(told(problem, chosen, rig, called()))
+        print_json(answer_json(answer))
     else:
-        print_chosen(console, problem, chosen, rig, folder, recall)
+        print_answer(console, answer, folder)
     if rig is None:
         raise typer.Exit(1)

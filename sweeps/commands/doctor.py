@@ -218,5 +218,5 @@ def _print(console: Console, findings: list[Finding]) -> None:
             mend = Text.assemble(f"  {finding.check}: ", (visible(finding.remedy), "cyan"))
             console.print(mend, soft_wrap=True)
     missing = [f.check for f in findings if f.state == "missing"]
-    last = f"Missing: {', '.join(missing)}" if missing else "All that is needed is there."
+    last = f"Missing: {', '.join(missing)}" if missing else "All requirements are installed."
     console.print(f"\n{last}")

@@ -46,6 +46,6 @@ def _replaced(path: Path, text: str) -> bool:
     if regular(path).read_bytes() == text.encode():
         return False
     try:
-        return typer.confirm(f"{path} is there. Overwrite it?")
+        return typer.confirm(f"{path} exists. Overwrite it?")
     except typer.Abort:
-        wrong(f"{path}: is there; move it away, or name another folder")
+        wrong(f"{path}: exists; move it, or name another folder")

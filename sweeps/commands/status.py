@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from lidarplace.base.number_text import number
 from lidarplace.command_line.invocation import command
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
@@ -100,7 +101,7 @@ def print_state(console: Console, state: SweepState, every: bool, again: str) ->
     if len(trials) < len(state.trials):
         console.print(f"{len(state.trials) - len(trials)} more trials: --all lists them")
     if by_status["failed"]:
-        console.print(f"To retry what failed for good: {again}", soft_wrap=True)
+        console.print(f"To retry permanent failures: {again}", soft_wrap=True)
 
 
 def print_search(console: Console, state: SearchState, every: bool, folder: Path) -> None:
@@ -114,7 +115,7 @@ def print_search(console: Console, state: SearchState, every: bool, folder: Path
     rays = f" (as searched, rays of 1 in {stride} azimuth steps)" if stride > 1 else ""
     best = state.best if every else state.best[:_MOST_BEST]
     for trial in best:
-        values = ", ".join(f"{name} {value:.6g}" for name, value in trial["values"].items())
+        values = ", ".join(f"{name} {number(value)}" for name, value in trial["values"].items())
         console.print(f"best so far: trial {trial['trial']}: {values}{rays}")
     if len(best) < len(state.best):
         console.print(f"{len(state.best) - len(best)} more of the Pareto front: --all lists them")

@@ -97,4 +97,4 @@ def _read(path: Path) -> Failure:
     try:
         return read_record(path, Failure, "record of a failure")
     except ValueError as error:
-        raise InputError(str(error), fix="remove it, and its task is tried again") from None
+        raise InputError(str(error), fix="remove it to retry its task") from None

@@ -25,7 +25,7 @@ def plan_command(
         raise InputError("no such folder", key="evaluator.folder", found=command.folder)
     if (name := secret_argument(shlex.split(command.command))) is not None:
         text = f"evaluator.command: {name} looks like a secret, which config.yaml and MLflow "
-        planning.caution(f"{text}show; pass it by the environment.")
+        planning.caution(f"{text}show; pass it as an environment variable.")
     file = re.sub(r"[^\w.=-]+", "-", trial.label)[:200]
     stage = CommandStage(
         command,

@@ -104,7 +104,7 @@ def facing(rigs: Mapping[str, tuple[Placement, Vehicle]]) -> list[str]:
         numbers = [f"{i + 1} and {j + 1}" for i, j in (each.lidars for each in violations)]
         more = len(numbers) - MOST_PAIRS
         pairs[name] = ", ".join(numbers[:MOST_PAIRS]) + (f", {more} pairs more" * (more > 0))
-    why = "That blinds or deceives those not made for it: raise, tilt or shield one."
+    why = "Their light can cause false or missing returns: raise, tilt or shield one."
     return [f"{line} {why}" for line in _in_rigs("LiDARs look into each other", pairs)]
 
 

@@ -145,6 +145,8 @@ def _model(lidar: Lidar) -> dict[str, object]:
         azimuth_deg=tuple(round(math.degrees(end), DIGITS) for end in lidar.azimuth),
         wavelength_nm=round(1e9 * lidar.wavelength, DIGITS),
         offsets_m=lidar.offsets,
+        azimuth_offsets_deg=lidar.azimuth_offsets
+        and tuple(round(math.degrees(offset), DIGITS) for offset in lidar.azimuth_offsets),
         size_mm=lidar.size and tuple(round(1000 * side, DIGITS) for side in lidar.size),
     )
     return settings.model_dump(mode="json", exclude_defaults=True)

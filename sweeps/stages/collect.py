@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import pandas as pd
+from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
 from lidarplace import Placement
@@ -24,6 +25,7 @@ from sweeps.stages.stage import Stage, of_type
 
 if TYPE_CHECKING:
     from lidarplace.clouds.collect import SimulatedClouds
+    from lidarplace.clouds.surroundings import Surroundings
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,7 +75,7 @@ class CollectStage(Stage[CollectedClouds]):
         from lidarplace.clouds.collect import SimulatedClouds
 
         return SimulatedClouds(
-            log,
+            _surroundings_of(log, self.seed),
             _frames_of(log, self.split)[self.first :: self.every],
             self.placement,
             crop=self.crop,
@@ -82,6 +84,14 @@ class CollectStage(Stage[CollectedClouds]):
             errors=self.errors,
             vehicle=self.vehicle,
         )
+
+
+@cached(LRUCache(maxsize=4), key=lambda log, seed: (id(log), seed))
+def _surroundings_of(log: BoxLog, seed: int) -> Surroundings:
+    """Return the surroundings in a log, which keep it; successive tasks often share them."""
+    from lidarplace.clouds.surroundings import Surroundings
+
+    return Surroundings(log, seed)
 
 
 @dataclass(frozen=True)

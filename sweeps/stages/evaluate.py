@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pandas as pd
+from cachetools import LRUCache, cached
 
 from lidarplace.base.metrics import METRICS
 from lidarplace.clouds.clouds import CloudFrames, JoinedClouds
@@ -23,7 +25,7 @@ from sweeps.stages.stage import R, of_type
 from sweeps.stages.train import Network, TrainedDetector
 
 if TYPE_CHECKING:
-    from training.detect import Detections
+    from training.detect import Detections, Predictor
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,19 @@ class DetectStage(Network[DetectedFrames]):
 
 
 def _detect(stage: Network[R], weights: TrainedDetector, clouds: CloudFrames) -> Detections:
-    from training.detect import detect
+    _, predictor = _predictor(stage, weights)
+    return predictor.detect(clouds)
+
+
+def _settings(stage: Network[R], weights: TrainedDetector) -> Hashable:
+    settings = stage.training.model_dump_json()
+    return id(weights), stage.detector, settings, stage.point_range, stage.typical
+
+
+@cached(LRUCache(maxsize=1), key=_settings)
+def _predictor(stage: Network[R], weights: TrainedDetector) -> tuple[TrainedDetector, Predictor]:
+    """Return the network on its device, and its weights; successive tasks often share them."""
+    from training.detect import Predictor
 
     network = (stage.detector, weights.classes, weights.state_dict)
-    return detect(*network, clouds, stage.training, stage.point_range, stage.typical)
+    return weights, Predictor(*network, stage.training, stage.point_range, stage.typical)

@@ -73,6 +73,7 @@ LINES = {
     ),
     "sensors": right("sensors list vlp16"),
     "sensors fit": right("sensors fit cloud.parquet --like vlp16 --out lidar.yaml"),
+    "sensors import": right("sensors import makers/vlp4db.yaml --out lidar.yaml"),
     "rig": right("rig rig.yaml objects.json --format carla --lidar vlp16"),
     "read a rig": right("rig rigs/urdf.urdf new.yaml --origin 0 0 0 --only *"),
     "describe": right("describe log"),

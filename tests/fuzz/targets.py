@@ -167,6 +167,7 @@ def _map(name: str, world: Path) -> object:
     return drive(scene, scene.town_runs()[0])
 
 
+CLOUD_READER = "lidarplace.clouds.cloud_files:read_cloud"
 _box_log = partial(_read, "lidarplace.logs.box_log:read_box_log")
 _run_folder = partial(_read, "tracking.run_folders.sweep:RunFolder.read", "run")
 _search_folder = partial(_read, "tracking.run_folders.search:SearchFolder.read", "found")
@@ -230,8 +231,14 @@ DATA: tuple[Target, ...] = (
             ("ros2", ".launch.xml", ".launch.xml"),
             ("carla", ".json", ".json"),
             ("osi", ".json", ".json"),
+            ("autoware", "sensors_calibration.yaml", "sensors_calibration.yaml"),
         )
     ),
+    *(
+        Target(f"sensors import {name}", f"makers/{name}", f"sensors import makers/{name}")
+        for name in ("os0.json", "xt32.csv", "vlp4db.yaml", "hdl3.xml")
+    ),
+    Target("compressed cloud", "cloud.pcd", read=partial(_read, CLOUD_READER, "cloud.pcd")),
     Target("KITTI clouds", "kitti/training/velodyne/*.bin", read=_kitti_clouds),
     Target("recorded clouds", "clouds/route/*.npy", read=_recorded),
     Target("rig of clouds", "clouds/placement.json", read=_rig),

@@ -141,6 +141,7 @@ def write_world(folder: Path) -> None:
     _tables(folder)
     _labels(folder / "labels")
     _json_frames(folder / "frames")
+    shutil.copytree(MAPS.parent / "makers", folder / "makers")
     _kitti(folder / "kitti")
     write_data_sets(folder, "nuscenes", "av2", both=False)
     _clouds(folder)
@@ -272,12 +273,14 @@ def _clouds(folder: Path) -> None:
     from lidarplace.clouds.recorded import rig_record
     from lidarplace.rigs.lidar import Lidar
     from lidarplace.rigs.placement import PAPER_PLACEMENTS
+    from tests.lidarplace.test_cloud_files import CLOUD, pcd
     from tests.lidarplace.test_sensors_fit import cloud_of
 
     random = np.random.default_rng(0)
     clouds = [(random.uniform(0, 1, (50, 4)).astype(np.float32), [20, 30]) for _ in FRAMES]
     write_clouds(folder / "clouds/route", PointClouds.from_frames(FRAMES, clouds, CROP))
     cloud_of(Lidar.even(6, (-15, 5), 120)).to_parquet(folder / "cloud.parquet", index=False)
+    (folder / "cloud.pcd").write_bytes(pcd(CLOUD, "binary_compressed"))
     record = json.dumps(rig_record(PAPER_PLACEMENTS["line"]))
     (folder / "clouds/placement.json").write_text(record)
 

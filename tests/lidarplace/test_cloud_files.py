@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidarplace.clouds.cloud_files import CLOUD_SUFFIXES, read_cloud
+from lidarplace.clouds.cloud_files import CLOUD_SUFFIXES, decompress_lzf, read_cloud
 from tests.refused import refused
 
 _ROWS = [(1.5, 0.5, 0.0, 0.25, 0), (-2.25, 3.0, 1.75, 1.0, 31), (40.0, -1.0, 2.0, 0.0, 7)]
@@ -32,6 +32,11 @@ def pcd(cloud, coding):
     records = np.zeros(len(cloud), kind)
     for name in cloud.columns:
         records[name] = cloud[name]
+    if coding == "binary_compressed":  # of each field all points; as LZF of runs as they are
+        data = b"".join(records[name].tobytes() for name in kind.names)
+        runs = [data[i : i + 32] for i in range(0, len(data), 32)]
+        packed = b"".join(bytes([len(run) - 1]) + run for run in runs)
+        return head + np.array([len(packed), len(data)], "<u4").tobytes() + packed
     return head + records.tobytes()
 
 
@@ -53,12 +58,25 @@ def write(folder, suffix, cloud=CLOUD):
     return path
 
 
-@pytest.mark.parametrize("suffix", [*CLOUD_SUFFIXES, "ascii"])
+@pytest.mark.parametrize("suffix", [*CLOUD_SUFFIXES, "ascii", "binary_compressed"])
 def test_every_format_holds_the_same_points(tmp_path, suffix):
-    (path := tmp_path / "a.pcd").write_bytes(pcd(CLOUD, "ascii"))
-    read = read_cloud(path if suffix == "ascii" else write(tmp_path, suffix))
+    path = tmp_path / "a.pcd"
+    if suffix in CLOUD_SUFFIXES:
+        path = write(tmp_path, suffix)
+    else:
+        path.write_bytes(pcd(CLOUD, suffix))
+    read = read_cloud(path)
     expected = CLOUD if suffix != ".bin" else CLOUD.drop(columns="ring")
     pd.testing.assert_frame_equal(read, expected, check_dtype=False)
+
+
+def test_runs_that_are_there_already():
+    """By hand, as LZF's format says: "abc", then six and eleven bytes from three back."""
+    data = np.frombuffer(b"\x02abc\x80\x02\xe0\x02\x02", np.uint8)
+    assert decompress_lzf(data, 20).tobytes() == b"abcabcabcabcabcabcab"
+    for wrong, size in ((data, 19), (data[:-1], 20), (data[4:], 20), (data[:3], 3)):
+        with refused("damaged compressed data"):
+            decompress_lzf(wrong, size)
 
 
 def test_names_of_other_makers_are_understood(tmp_path):

@@ -343,10 +343,24 @@ def test_mounting_errors_are_of_each_frame_and_those_of_the_rig_as_it_is_drawn()
     np.testing.assert_array_equal(portion[1], found[3])
 
 
+def test_rigs_that_share_surroundings_have_the_clouds_of_each_alone(monkeypatch):
+    """Also of frames whose parts are not kept, as there are too many."""
+    monkeypatch.setattr("lidarplace.clouds.surroundings._MOST_PARTS", 20)
+    shared, how = Surroundings(log(), 7), {"seed": 7, "errors": MountingErrors(0.01, 0.01)}
+    for mounts in (TWO, TWO[:1], [Mount(z=2.0)]):
+        rig = Placement("any", mounts, lidar=NOISY)
+        clouds = SimulatedClouds(shared, range(6), rig, CROP, **how)
+        for frame, alone in enumerate(collect(log(), range(6), rig, CROP, **how)):
+            np.testing.assert_array_equal(clouds[frame], alone)
+    with refused("seed: expected 7, found 0"):
+        SimulatedClouds(shared, [0], rig, CROP)
+
+
 def test_scenes_of_several_frames_are_those_of_each():
-    clouds = SimulatedClouds(log(), [4, 1, 3], Placement("two", TWO, lidar=NOISY), CROP)
-    for index, scene in enumerate(clouds.scenes(range(3))):
-        expected = clouds.scene(index)
+    rig = Placement("two", TWO, lidar=NOISY)
+    clouds = SimulatedClouds(log(), [4, 1, 3], rig, CROP)
+    for frame, scene in zip((4, 1, 3), clouds.scenes(range(3)), strict=True):
+        expected = SimulatedClouds(log(), [frame], rig, CROP).scene(0)
         assert (expected.parts.owner >= 0).any()
         assert (expected.parts.owner <= PANE).any()
         for name, array in vars(expected.parts).items():

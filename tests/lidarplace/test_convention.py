@@ -136,9 +136,9 @@ def test_cases_of_the_field(tmp_path):
     for name in ("quaternions", "half_extents", "iso_times"):
         boxes = converted(LABELS / f"{name}.csv", tmp_path / name)
         np.testing.assert_allclose(boxes[["length", "width", "height"]].median(), [4.5, 1.9, 1.6])
-        off = np.remainder(
-            boxes["yaw"] - pd.read_csv(LABELS / "iso_times.csv")["yaw"] + 1, math.tau
-        )
+        yaw = pd.read_csv(LABELS / "iso_times.csv", dtype={"id": str}).sort_values(["frame", "id"])
+        boxes = boxes.sort_values(["frame", "object_id"])
+        off = np.remainder(boxes["yaw"].to_numpy() - yaw["yaw"].to_numpy() + 1, math.tau)
         np.testing.assert_allclose(off, 1, atol=1e-4)
         assert boxes["timestamp_s"].drop_duplicates().diff().dropna().unique().tolist() == [0.5]
     boxes = converted(LABELS / "once_axes.csv", tmp_path / "once")

@@ -61,7 +61,7 @@ def test_argoverse(tmp_path):
     result = convert("argoverse", tmp_path / "av2", tmp_path / "log")
     assert result.stderr == (
         f"warning: {tmp_path / 'av2'}: column length: sizes are in metres; over 50 m: 1 of 1 boxes "
-        "(100.0%), the first in frame 0 with 60 x 2 x 1.5; check units.size of the source\n"
+        "(100.0 %), the first in frame 0 with 60 x 2 x 1.5; check units.size of the source\n"
     )
 
 

@@ -218,7 +218,7 @@ MISTAKES = {
     "the own vehicle": (
         {},
         lambda t: t.assign(**{k: t[k].where(t["track"] != "0-0", 0.5) for k in ("posX", "posY")}),
-        "the centre is in the body of the vehicle: 8 of 144 boxes (5.6%)",
+        "the centre is in the body of the vehicle: 8 of 144 boxes (5.6 %)",
     ),
 }  # fmt: skip
 
@@ -248,7 +248,7 @@ POSES = {"x": "host_x", "y": "host_y", "yaw": "host_heading"}
 @pytest.mark.parametrize(
     ("angle", "change", "message"),
     [
-        ("rad", None, "labels.csv: host_heading: 100.0% of the rows are over two turns"),
+        ("rad", None, "labels.csv: host_heading: 100.0 % of the rows are over two turns"),
         ("deg", lambda t: t.assign(host_heading=90 - t["host_heading"]), ANOTHER_WAY),
         ("deg", lambda t: t.assign(host_heading=np.radians(t["host_heading"])), ANOTHER_WAY),
         ("deg", lambda t: t.assign(host_heading=180 + t["host_heading"]), ANOTHER_WAY),

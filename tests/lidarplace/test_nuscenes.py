@@ -1,5 +1,6 @@
 """nuScenes: tables in the public layout, poses by hand and by matrices, errors that name a row."""
 
+import json
 import math
 from collections import Counter
 
@@ -7,10 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from lidarplace.base.errors import InputError
 from lidarplace.logs.box_log import read_box_log, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, POSE_COLUMNS, check_boxes
+from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.datasets.class_maps import IGNORE, NUSCENES, named_class_map
 from lidarplace.scenes.datasets.nuscenes import ORIGIN, read_nuscenes
+from tests.lidarplace import nuscenes_layout
 from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
 
 AHEAD = 1.294  # half the wheelbase of a Renault Zoe
@@ -164,3 +168,31 @@ def test_versions(tmp_path):
     assert len(read_nuscenes(tmp_path).frames) == 4
     write_nuscenes(tmp_path / "v1.0-trainval", town(4), CATEGORIES)
     assert len(read_nuscenes(tmp_path, version="v1.0-trainval").frames) == 8
+
+
+def test_tables_of_another_vehicle_with_two_lidars(tmp_path, monkeypatch):
+    """Lyft's have three channels, and a vehicle with an origin of its own."""
+    channels = {**nuscenes_layout.CHANNELS, "LIDAR_FRONT_LEFT": "lidar"}
+    monkeypatch.setattr(nuscenes_layout, "CHANNELS", channels)
+    folder = write_nuscenes(tmp_path / "v1.0-train", town(2), CATEGORIES)
+    table = folder / "calibrated_sensor.json"
+    rows = json.loads(table.read_text())
+    sensors = json.loads((folder / "sensor.json").read_text())
+    (left,) = [each["token"] for each in sensors if each["channel"] == "LIDAR_FRONT_LEFT"]
+    for row in rows:
+        row["translation"][2] -= 1.0 * (row["sensor_token"] == left)
+    table.write_text(json.dumps(rows))
+    rig = ("LIDAR_TOP", "LIDAR_FRONT_LEFT")
+    log = read_nuscenes(folder, lidar=Lidar.named("vlp16"), origin=(0.5, 0.0, -0.3))
+    assert [each.names for each in log.rigs.values()] == [rig, rig]
+    for mount, z in zip(log.rigs["scene-0001"].placement.mounts, (2.14023, 1.14023), strict=True):
+        np.testing.assert_allclose(mount.position, [0.443713, 0, z], atol=1e-12)
+    np.testing.assert_allclose(log.boxes[["x", "z"]], [[8.5, 1.3]] * 2, atol=1e-12)
+    alone = read_nuscenes(folder, channels=["LIDAR_TOP"])
+    assert alone.rigs["scene-0000"].names == rig[:1]
+    for message, keys in (
+        ("unknown model of LIDAR_TOP, LIDAR_FRONT_LEFT; name it by --lidar", {}),
+        ("--channel: no LiDAR 'CAM_FRONT'; expected one of LIDAR_FR", {"channels": ["CAM_FRONT"]}),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_nuscenes(folder, **keys)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lidarplace.base.errors import InputError
 from lidarplace.commands.convert import app
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS
@@ -96,3 +97,29 @@ def test_time_stamps(stamps, unit, expected, tmp_path):
     path = changed(tmp_path, times)
     log = read_openlabel(path, origin=AXLE, seconds=unit, class_map={"kiosk": "Car"})
     np.testing.assert_allclose(log.frames["timestamp_s"], expected, atol=1e-9)
+
+
+CAMERA = [0, 0, 1, 1.0, -1, 0, 0, 0, 0, -1, 0, 1.6, 0, 0, 0, 1]  # x right, y down, z ahead
+LYING = [1, 0, 0, 0, 0, 0.6, -0.8, 0, 0, 0.8, 0.6, 0, 0, 0, 0, 1]  # rolled by 53 degrees
+
+
+def in_camera(tmp_path, matrix):
+    """A car 21 m ahead, its sizes along x right, y down and z ahead, as VCD converts KITTI's."""
+    systems = {
+        "car": {"type": "local_cs", "parent": ""},
+        "CAM": {"type": "sensor_cs", "parent": "car", "pose_wrt_parent": {"matrix4x4": matrix}},
+    }
+    cuboid = {"coordinate_system": "CAM", "val": [0.0, 0.85, 20.0, 0, 0, 0, 4.3, 1.5, 1.8]}
+    frame = {"objects": {"1": {"object_data": {"cuboid": [cuboid]}}}}
+    content = {"coordinate_systems": systems, "objects": {"1": {"type": "Car"}}}
+    path = tmp_path / "box.json"
+    path.write_text(json.dumps({"openlabel": content | {"frames": {"0": frame}}}))
+    return path
+
+
+def test_a_cuboid_in_the_frame_of_a_camera(tmp_path):
+    log = read_openlabel(in_camera(tmp_path, CAMERA), origin=(0.0, 0.0, 0.0))
+    expected = [21.0, 0.0, 0.75, 4.3, 1.8, 1.5, -math.pi / 2]
+    np.testing.assert_allclose(log.boxes[list(GEOMETRY)].iloc[0].to_numpy(float), expected)
+    with pytest.raises(InputError, match="object 1 in CAM: expected a cuboid on the ground"):
+        read_openlabel(in_camera(tmp_path, LYING), origin=(0.0, 0.0, 0.0))

@@ -128,7 +128,7 @@ def test_a_guess_is_not_overwritten(tmp_path):
     assert guess.read_text().startswith("# A guess from names and values of labels.csv: check")
     before = guess.read_text()
     result = convert(labels, "--propose", guess, code=2)
-    assert f"{guess}: is there already, and is not overwritten" in result.stderr
+    assert f"{guess}: exists, and is not overwritten" in result.stderr
     assert guess.read_text() == before
 
 

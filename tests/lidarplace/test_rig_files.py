@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from lidarplace.commands.rig import app
 from lidarplace.configuration.placement import read_placement
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.rig_files.formats import FORMATS
+from lidarplace.rig_files.formats import FORMATS, format_of
 from lidarplace.rig_files.mounted import RigSensor, lidars_in
 from lidarplace.rig_files.mounts_yaml import read_mounts_yaml, write_mounts_yaml
 from lidarplace.rigs.lidar import Lidar
@@ -248,3 +248,44 @@ def test_calibrations_of_nuscenes(tmp_path):
     chosen = re.search(r"--only (LIDAR_TOP\.\S+)", done.output)[1]
     (lidar,) = FORMATS["nuscenes"].read(tmp_path / "v1", [chosen])
     assert lidar.name == "LIDAR_TOP"
+
+
+def test_autowares_pair_of_files(tmp_path):
+    """The kit is turned to the left by a quarter, so its x is the vehicle's y."""
+    kit = {"velodyne_top_base_link": {"x": 0.5, "z": 0.2}, "camera0/camera_link": {"y": 0.1}}
+    place = {"x": 0.9, "y": 0.0, "z": 2.0, "roll": 0.0, "pitch": 0.0, "yaw": math.pi / 2}
+    kits = {"sensor_kit_base_link": place, "rear_base_link": {"x": -0.4, "z": 1.6}}
+    for name, content in (
+        ("sensors", {"base_link": kits}),
+        ("sensor_kit", {"sensor_kit_base_link": kit}),
+    ):
+        (tmp_path / f"{name}_calibration.yaml").write_text(json.dumps(content))
+    words = ("--origin", -1.4, 0, 0, "--only", "velodyne*", "--only", "rear*")
+    for source in (tmp_path / "sensor_kit_calibration.yaml", tmp_path):
+        by_name = () if source.suffix else ("--format", "autoware")
+        found_by_command(source, tmp_path / "rig.yaml", *words, *by_name)
+        rear, top = sorted(read_mounts_yaml(tmp_path / "rig.yaml"), key=lambda each: each.name)
+        np.testing.assert_allclose(top.mount.position, [0.9 - 1.4, 0.5, 2.2], atol=1e-9)
+        np.testing.assert_allclose(top.mount.yaw, math.pi / 2, atol=1e-9)
+        np.testing.assert_allclose(rear.mount.position, [-1.8, 0, 1.6], atol=1e-9)
+    (tmp_path / "sensors_calibration.yaml").unlink()
+    with refused("no frame base_link; add sensors_calibration.yaml"):
+        FORMATS["autoware"].read(tmp_path, ["*"])
+
+
+def test_ros_1_and_programs(tmp_path):
+    """As ROS 1's own package writes it: a slash before frames, a period in the end."""
+    path = tmp_path / "a.launch"
+    node = '<node pkg="{}" type="static_transform_publisher" args="{}"/>'
+    front = node.format("tf", "1 0 2 0 0.02 0 /base_link /velodyne 100")
+    rear = node.format("tf2_ros", "-1 0 1.5 3.14 0 0 base_link rear")
+    path.write_text(f"<launch>{front}{rear}</launch>")
+    a, b = FORMATS["ros2"].read(path, ["*"])
+    assert (a.name, a.mount.x, a.mount.pitch) == ("velodyne", 1.0, pytest.approx(0.02))
+    assert (b.name, b.mount.x) == ("rear", -1.0)
+    path.write_text(f"<launch>{node.format('other', '1 0 2 0 0 0 base_link a')}</launch>")
+    with refused("transform 0: unknown package .*expected tf2_ros or tf, found other"):
+        FORMATS["ros2"].read(path, ["*"])
+    for name, message in (("a.launch.py", "ros2 param get"), ("a.urdf.xacro", "xacro FILE >")):
+        with refused(f"a program, which is not executed; .*{message}"):
+            format_of(Path(name), None)

@@ -70,7 +70,7 @@ def test_a_vehicle_drives_where_it_heads(seed, turn):
     elif abs(turn) > 0.34:
         (value,) = values
         assert value.rows.sum() == 21
-        assert "21 of 24 frames (87.5%)" in value.where(shuffled.frames)
+        assert "21 of 24 frames (87.5 %)" in value.where(shuffled.frames)
 
 
 def test_routes_in_which_nothing_moves_are_no_copies():
@@ -87,7 +87,7 @@ def test_whole_numbers_are_degrees():
     yaw[:3] = 2, -1, 3
     (value,) = implausible_units(with_yaw(log, yaw))
     where = value.where(with_yaw(log, yaw).boxes)
-    assert where == "3 of 144 boxes (2.1%), the first in frame 0 with 2"
+    assert where == "3 of 144 boxes (2.1 %), the first in frame 0 with 2"
     yaw[2] = 3.1
     assert list(implausible_units(with_yaw(log, yaw))) == []
 

@@ -107,6 +107,28 @@ def test_a_packed_map_whose_centre_lane_has_no_type_makes_no_difference(street, 
             assert a.getPermissions() == b.getPermissions()
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('type="driving"', 'type="exit"'),
+        ('type="driving"', 'type="offRamp"'),
+        ('type="driving"', 'type="slipLane"'),
+        ('type="shoulder"', 'type="roadWorks"'),
+        ("<line/>", '<arc curvature="0.0"/>'),
+        ("</lanes>", '</lanes><signals><signal s="0" t="3" id="1" type=""/></signals>'),
+    ],
+)
+def test_what_netconvert_would_drop_makes_no_difference(street, tmp_path, old, new):
+    text = STREET.read_text()
+    assert old in text
+    (tmp_path / "street.xodr").write_text(text.replace(old, new))
+    network = network_of(tmp_path / "street.xodr", tmp_path)
+    for a, b in zip(street.getEdges(), network.getEdges(), strict=True):
+        assert [(each.getPermissions(), each.getShape()) for each in a.getLanes()] == [
+            (each.getPermissions(), each.getShape()) for each in b.getLanes()
+        ]
+
+
 def test_a_sumo_network_needs_no_pedestrians():
     scene = SMALL.model_copy(update={"towns": (str(BLOCK),), "pedestrians": 0})
     log = record(scene)

@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+import re
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -221,6 +222,12 @@ def test_the_command_writes_a_rig_that_a_requirements_file_takes(tmp_path):
     assert outcome.met
     assert outcome.worst.value / 6 == pytest.approx(content["margin"])
     assert result.output.count("somebody ahead at x") == 2, "it says what each LiDAR is needed for"
+    page = (folder / "cheapest.html").read_text()
+    cells = re.findall(r"<td[^>]*>([^<]*)</td>", page)
+    assert [cell.partition(" at x")[0] for cell in cells].count("somebody ahead") == 3
+    assert cells[cells.index("together") :][:5] == ["together", "2", "–", "–", "5"]
+    assert "Least price, proven for the grid" in page
+    assert "no rig of the grid costs less than 5" in page
 
 
 ONE = EASY | {"also_when": {}}
@@ -244,7 +251,7 @@ FIXED = [{"x": 0.0, "y": 0.0, "z": 2.0, "model": "wide"}]
         (
             {"left": PAIR | {"lidars": [0, 1], "mirrored": True}},
             {"requirements": [LEFT]},
-            {"aside", "the pair: aside"},
+            {"without LiDAR 2, its mirror image, too: aside", "aside"},
         ),
     ],
 )
@@ -258,11 +265,26 @@ def test_each_lidar_has_a_reason(tmp_path, zones, changes, reasons):
     assert {reason.partition(" at x ")[0] for reason in why} == reasons
 
 
+def test_an_answer_says_that_a_pair_is_bought_together(tmp_path):
+    keys = {"zones": {"left": PAIR | {"lidars": [0, 1], "mirrored": True}}, "lidars": 2}
+    keys |= {"requirements": [LEFT]}
+    assert "LiDARs in left are in mirrored pairs: both of a pair are bought." in (
+        run(tmp_path, **keys).output
+    )
+    assert json.loads(run(tmp_path, "--json", **keys).output)["mirrored"] == ["left"]
+
+
 def test_refinement_leaves_out_what_is_not_needed(tmp_path):
     keys = SMALL | {"requirements": [ONE], "cheapest": {"by": "height"}}
     problem = read_problem(write_search(tmp_path, search=keys))
     wide = {rig[0].mount.y: rig[0] for rig in candidates_of(problem) if rig[0].model == "wide"}
-    rig = polish(problem, ordered([*wide.values()][::2]), None)
+    several = ordered([*wide.values()][::2])
+    assert set(needed_for(problem, several, None)) == {"nothing: the height is the same without it"}
+    by_price = read_problem(problem.path, ["search.cheapest.by=price"])
+    assert set(needed_for(by_price, several, None)) == {
+        "nothing: search.cheapest.seconds were over before it was left out"
+    }
+    rig = polish(problem, several, None)
     assert len(rig) == 1
     assert needed_for(problem, rig, None) == ["somebody ahead"]
 
@@ -281,6 +303,23 @@ def test_refinement_ends_in_time(tmp_path, monkeypatch):
     assert len(polish(problem, rig, None)) == len(rig)
 
 
+def test_the_file_of_a_rig_names_the_models_of_the_catalogue(tmp_path):
+    models = {
+        "front": {"name": "bpearl", "price": 3},
+        "bent": {"name": "xt32", "range": 50, "price": 6},
+    }
+    path = write_search(tmp_path, search=SMALL | {"models": models}, lidar="vlp16")
+    problem = read_problem(path)
+    lidars = [MountedLidar(name, "nose", Mount(2.45, y, 0.6)) for y, name in enumerate(models)]
+    rig = (*lidars, MountedLidar("lidar", "nose", Mount(2.45, 2.0, 0.6)))
+    written = tmp_path / "rig.yaml"
+    written.write_text(problem.placement_text(rig))
+    names = [mount["lidar"] for mount in yaml.safe_load(written.read_text())["mounts"]]
+    assert names == ["bpearl", {"name": "xt32", "range": 50.0}, "vlp16"]
+    expected = [problem.models[lidar.model] for lidar in rig]
+    assert [*read_placement(written, Lidar.paper()).lidars] == expected
+
+
 def test_none_is_feasible(tmp_path):
     run(tmp_path)
     far = EASY | {"at_least": {"points": 500}}
@@ -289,6 +328,9 @@ def test_none_is_feasible(tmp_path):
     assert "No rig of the grid meets everything, which is proven" in result.output
     assert "FAIL" in result.output
     assert not (tmp_path / "runs/small/cheapest/placement.yaml").exists()
+    page = (tmp_path / "runs/small/cheapest/cheapest.html").read_text()
+    assert "No rig passes" in page
+    assert re.search(r"this one is closest: somebody ahead has \d+ of 500 points", page)
     content = json.loads(run(tmp_path, "--json", requirements=[far]).output)
     assert (content["found"], content["bound"]) == (False, None)
     assert content["broken"] == ["requirement.somebody ahead"]

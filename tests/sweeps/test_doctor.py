@@ -279,7 +279,7 @@ def test_exit_code_and_remedies(monkeypatch):
     monkeypatch.setattr(doctor, "find_all", lambda asked: shown)
     done = call(doctor.app)
     assert "disk: output: clean it" in done.output
-    assert done.output.endswith("All that is needed is there.\n")
+    assert done.output.endswith("All requirements are installed.\n")
     shown.append(missing)
     done = call(doctor.app, code=1)
     assert "SUMO: install 'it[all]'" in done.output

@@ -135,7 +135,7 @@ def test_blind_lidars_of_a_search(tmp_path):
         ]
         return assess(tuple(rig), problem.criteria, Traffic({}, None))
 
-    searched = problem(objective="price", models={"lidar_1": "bpearl"})
+    searched = problem(objective="price", models={"lidar_1": {"name": "bpearl", "price": 1}})
     violations = [found(searched, *turns).violations for turns in ((0, 0), (0, 1.6), (1.6, -1.6))]
     assert [item["blind_lidars"] for item in violations] == [2, 1, 0]
     assert [found(searched, 1.6, turn).feasible for turn in (0, 1.6)] == [False, True]

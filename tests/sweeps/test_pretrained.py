@@ -12,6 +12,8 @@ import torch
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.clouds.collect import crop_for
+from lidarplace.logs.box_log import read_box_log
+from lidarplace.mounting.errors import MountingErrors
 from sweeps.command_line import app
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.worker import _prepare_device, try_task
@@ -24,7 +26,7 @@ from tests.sweeps.small_log import write_small_log, write_sweep
 from tests.sweeps.toy import call
 from tracking.run_folders.search import SearchFolder
 from training.checkpoints import read_checkpoint, save_checkpoint
-from training.pretrained import Domain, domain_of, evaluate_rig, read_generalist
+from training.pretrained import Domain, domain_of, evaluate_rig, evaluate_rigs, read_generalist
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -86,6 +88,30 @@ def test_a_sweep_trains_nothing_and_python_finds_the_same(folder):
     assert len(same) > 10
     assert same["value_x"].max() > 0
     assert (same["value_x"] == same["value_y"]).all()
+
+
+def test_other_frames_of_a_log_than_those_of_the_split_decide_nothing(folder):
+    log = read_box_log(folder / "log")
+    tested = log.frames[log.frames["split"] == "test"]
+    alone = replace(log, frames=tested, boxes=log.boxes[log.boxes["frame"].isin(tested["frame"])])
+    assert 0 < len(alone.boxes) < len(log.boxes)
+    rig, how = PAPER_PLACEMENTS["line"], {"weights": folder / "base.pt"}
+    rig = rig.each_lidar(lambda lidar: replace(lidar, azimuth_steps=240, range_noise=0.02))
+    table = evaluate_rig(rig, log, ROI, **how)
+    assert table["value"].max() > 0
+    pd.testing.assert_frame_equal(table, evaluate_rig(rig, alone, ROI, split="", **how))
+
+
+def test_rigs_that_are_evaluated_together_have_their_values_alone(folder):
+    model = replace(Lidar.paper(), azimuth_steps=240, range_noise=0.02)
+    rigs = [PAPER_PLACEMENTS[name].each_lidar(lambda _: model) for name in ("line", "pyramid")]
+    how = {"errors": MountingErrors(0.01, 0.01), "seed": 3, "weights": folder / "base.pt"}
+    tables = evaluate_rigs(rigs, folder / "log", ROI, ("Car",), **how)
+    assert not tables[0].equals(tables[1])
+    for rig, table in zip(rigs, tables, strict=True):
+        alone = evaluate_rig(rig, folder / "log", ROI, ("Car",), **how)
+        pd.testing.assert_frame_equal(table, alone)
+    assert evaluate_rigs([], folder / "log", ROI) == []
 
 
 def test_other_weights_are_other_results(folder):

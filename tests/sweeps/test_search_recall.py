@@ -98,7 +98,7 @@ def test_it_is_said_that_greedy_choice_looks_at_lidars_one_by_one(tmp_path, obje
         path = write_search(tmp_path, search=search)
         for options in ([], ["--json"]):
             output = " ".join(run_search(path, "--dry-run", *options).split())
-            assert ("neglect that LiDARs hide each other by their size" in output) == tells
+            assert ("ignore that the housings of LiDARs hide objects" in output) == tells
             assert (expected in output) == tells
     # The page has as cautions what this tells.
     search["greedy"], search["lidars"] = None, 2

@@ -106,5 +106,5 @@ def test_many_trials_are_summed_up(sweep, monkeypatch):
 @pytest.mark.parametrize("text", ["", "{", "7", "[]", '{"log": 1}', "[" * 100_000])
 def test_what_is_no_failure_is_named(tmp_path, text):
     (tmp_path / "0123.json").write_text(text)
-    with pytest.raises(ValueError, match=r"0123\.json: .*remove it, and its task is tried again$"):
+    with pytest.raises(ValueError, match=r"0123\.json: .*remove it to retry its task$"):
         FailureFolder(tmp_path).read()

@@ -102,7 +102,7 @@ def test_it_says_where_the_recommended_rig_is_furthest_behind(folder, page):
     both = pd.concat([sectors, rings.groupby(["ring", "placement"])["value"].mean().unstack()])
     behind = both.max(axis=1) - both[best]
     where = behind.idxmax()
-    end = "is behind none of these rigs."
+    end = "is not behind any of these rigs."
     if behind[where] > 0:
         other = both.loc[where].idxmax()
         end = f"is furthest behind at {where}: {behind[where]:.1f} points below {other}."

@@ -9,7 +9,12 @@ from tracking.labels import digits, interval, number, percent, plus_minus, point
 SAID = [(digits(-1234.56, ",.1f"), "−1,234.6"), (digits(-1e-7, ".2g"), "−1e-07")]
 SAID += [(digits(math.nan, ".1f"), "–"), (digits(math.inf, ".1f"), "–")]
 SAID += [(number(-26842.123), "−26,842"), (number(0.00123456), "0.0012346")]
-SAID += [(number(0.0), "0"), (number(-0.0), "0"), (points(0.04), "+0.0")]
+SAID += [
+    (number(0.0), "0"),
+    (number(-7.58303e-22), "0"),
+    (number(-0.0), "0"),
+    (points(0.04), "+0.0"),
+]
 SAID += [(signed(-0.004), "+0.00"), (signed(-0.996), "−1.00")]
 SAID += [(span(-0.26, 0.31, "z.1f"), "−0.3 to 0.3"), (span(math.nan, math.nan, "z.1f"), "–")]
 SAID += [(interval(-0.5, 0.25), "[−0.50, +0.25]"), (interval(0.5, 0.5), "[no interval]")]

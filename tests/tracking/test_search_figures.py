@@ -64,7 +64,10 @@ def test_maps_share_a_scale_and_the_difference_is_about_zero():
 def test_the_menu_shows_one_rig_and_its_axes_turn_with_it():
     turned = rig((1.0, 0.0, 2.0, 0.0, 0.0, np.pi / 2))
     rigs = {"a": turned, "b": rig((0, 0, 3, 0, 0, 0), (0, 1, 3, 0, 0, 0))}
-    pictured = {name: PicturedRig.found(flags) for name, flags in rigs.items()}
+    pictured = {
+        name: PicturedRig.in_zones(flags.placed, flags.models, flags.zones)
+        for name, flags in rigs.items()
+    }
     plot = rig_picture(pictured, NO_BODY, [ROOF])
     forward = trace(plot, "sensor's x")
     ends = np.stack([forward.x, forward.y, forward.z], axis=1)

@@ -135,7 +135,7 @@ def _note(placements: int, of_seeds: Noise, noise: Noise) -> str:
     if of_seeds.degrees > 0:
         return ""
     if noise.degrees > 0:
-        return "one generalist: what another one would say is not in the intervals"
+        return "one generalist: intervals do not include the spread over generalists"
     return "one seed each: the training noise is unknown, so there is no interval"
 
 

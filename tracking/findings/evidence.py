@@ -107,7 +107,7 @@ def few_seeds(
     of = "" if len(few) == len(seeds) else f" only for {some(few)}"
     consequence = {
         (1, False): f"One seed{of}: differences between placements may be training noise.",
-        (1, True): f"One generalist{of}: another one may rank the placements otherwise; no "
+        (1, True): f"One generalist{of}: another one may rank the placements differently; no "
         "interval has that.",
     }.get((fewest, generalist), f"Two {one}s{of}: the spread over {one}s is itself uncertain.")
     every_seed = sorted(set().union(*seeds.values()))
@@ -186,8 +186,8 @@ def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
                 (str(name),),
                 f"only {driven} test route{'s' * (driven != 1)}"
                 f"{of and f' with {name}'} (at least {LEAST_ROUTES})",
-                f"Fewer than {LEAST_ROUTES} test routes with {', '.join(few)}: intervals allow "
-                f"for which individuals were met, not for what routes differ in.{longer}",
+                f"Fewer than {LEAST_ROUTES} test routes with {', '.join(few)}: intervals "
+                f"include the choice of individuals, not how routes differ.{longer}",
                 LEAST_ROUTES / driven,
                 _more_routes(run, routes, LEAST_ROUTES / driven),
             )

@@ -81,8 +81,8 @@ def studied(run: RunFolder, table: pd.DataFrame) -> list[str]:
         return []
     few = ", ".join(names[:MOST_NAMES]) + (" …" if len(names) > MOST_NAMES else "")
     return [
-        f"Worked out for {len(names):,} of {len(run.placements):,} placements: {few}. "
-        "The key surrogate.studied_placements sets how many."
+        f"Computed for {len(names):,} of {len(run.placements):,} placements: {few}. "
+        "surrogate.studied_placements sets their number."
     ]
 
 

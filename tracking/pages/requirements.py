@@ -9,6 +9,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from lidarplace.base.number_text import number
 from lidarplace.requirements.tables import Ground
 from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.style import TOLD, figure, lidar_markers, text
@@ -18,14 +19,14 @@ from tracking.pages.section import Column, Section, Table, words
 from tracking.run_folders.arrays import Grounds
 
 ALONE = (
-    "Each position has a single object on level ground, at its worst heading; "
-    "hides it is the body of the vehicle, and its other LiDARs where their size is known."
+    "Each position has a single object on level ground, at its worst heading. Only the body of the "
+    "vehicle occludes it, and the other LiDARs if their size is known."
 )
 COLOURS = (
     "The value at each position, in the worst case, relative to the requirement: orange is "
     "too little, blue is enough. The cross is the worst place; diamonds are LiDARs."
 )
-MOST_DRAWN = 12  # of what fails
+MOST_DRAWN = 12
 _ENOUGH = 0.5
 _COLOURS = ((0.0, "#7a2b00"), (_ENOUGH, "#f0a070"), (_ENOUGH, "#a8d4f0"), (1.0, "#15619f"))
 """Colours of the share of the need: orange is too little, darker the less; blue is enough."""
@@ -34,7 +35,7 @@ _COLOURS = ((0.0, "#7a2b00"), (_ENOUGH, "#f0a070"), (_ENOUGH, "#a8d4f0"), (1.0, 
 def counted(worst: pd.DataFrame) -> str:
     """Count the verdicts that are failures, a sentence."""
     failed = int((~worst["met"]).sum())
-    return f"{failed} of {len(worst)} verdicts are failures."
+    return f"{failed or 'None'} of {len(worst)} verdicts fail{'s' * (failed <= 1)}."
 
 
 def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Table:
@@ -46,8 +47,8 @@ def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Ta
         words("requirement"),
         Column("verdict", lambda row: "pass" if row["met"] else "FAIL", words=True),
         Column("needed", _needed),
-        Column("found", lambda row: f"{row['value']:.4g}"),
-        Column("short by", lambda row: f"{row['short_by']:.4g}" if row["short_by"] > 0 else ""),
+        Column("found", lambda row: number(row["value"], 4)),
+        Column("short by", lambda row: number(row["short_by"], 4) if row["short_by"] > 0 else ""),
         Column("enough at", lambda row: f"{100 * row['enough']:.4g} %"),
         Column("worst place", _place, words=True),
         words("when", "case"),
@@ -70,13 +71,13 @@ def _place(row: Mapping[Any, Any]) -> str:
 
 def in_short(row: Mapping[Any, Any]) -> str:
     """Format a verdict in a cell: the value relative to what is needed."""
-    verdict = f"{'pass' if row['met'] else 'FAIL'}: {row['value']:.3g} of {_needed(row)}"
+    verdict = f"{'pass' if row['met'] else 'FAIL'}: {number(row['value'], 3)} of {_needed(row)}"
     if row["met"]:
         return verdict
     return "; ".join([verdict, ", ".join(filter(None, [row["case"], _place(row)]))])
 
 
-def draw_failures(
+def draw_verdicts(
     section: Section,
     worst: pd.DataFrame,
     rig: str,
@@ -84,27 +85,28 @@ def draw_failures(
     mounts: Mapping[str, Sequence[Mount]],
     grounds: Grounds | None,
 ) -> None:
-    """Add pictures of what rigs fail, as far as their grounds are kept, and say what they show.
+    """Add pictures of all that the first rig passes and fails, then of what others fail.
 
     `worst` are rows of `lidarplace.requirements.tables.worst_cases`, `rig` is the column that
-    distinguishes rigs, `order` has the rigs to draw first in front, `mounts` are by rig."""
-    failing = [
+    distinguishes rigs, `order` has the rigs to draw first in front, `mounts` are by rig. There are
+    pictures as far as `grounds` are kept; notes say what they show."""
+    if grounds is None:
+        return
+    drawn = [
         (name, row, ground)
-        for name in order
-        for row in worst[(worst[rig] == name) & ~worst["met"]].to_dict("records")
-        if grounds is not None
+        for number, name in enumerate(order)
+        for row in worst[(worst[rig] == name)].sort_values("met", kind="stable").to_dict("records")
+        if (number == 0 or not row["met"])
         and (ground := grounds.under(name, row["requirement"])) is not None
         and ground.least.size
     ]
-    if grounds is None or not failing:
-        return
     section.figures += [
         requirement_map(row, ground, name, mounts[name], grounds.body)
-        for name, row, ground in failing[:MOST_DRAWN]
+        for name, row, ground in drawn[:MOST_DRAWN]
     ]
-    section.notes.append(COLOURS)
-    if len(failing) > MOST_DRAWN:
-        section.notes.append(f"The first {MOST_DRAWN} of {len(failing)} failures are drawn.")
+    section.notes += [COLOURS] if drawn else []
+    if len(drawn) > MOST_DRAWN:
+        section.notes.append(f"The first {MOST_DRAWN} of {len(drawn)} pictures are shown.")
 
 
 def requirement_map(
@@ -124,7 +126,7 @@ def requirement_map(
     verdict = "met" if worst["met"] else "FAILED"
     title = f"{text(rig)} · {text(worst['requirement'])}: {verdict}"
     plot = figure(title, height=map_height((np.ptp(y) + 2.0) / (np.ptp(x) + 4.0), 220, 560))
-    bar = {"title": {"text": "of need"}, "tickvals": [0, 1, 2], "ticktext": ["0", "1", "2 ≤"]}
+    bar = {"title": {"text": "of need"}, "tickvals": [0, 1, 2], "ticktext": ["0", "1", "≥ 2"]}
     of_need = f"%{{customdata:.3g}} {measure} of {needed:g}"
     plot.add_heatmap(
         x=x,

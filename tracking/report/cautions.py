@@ -99,7 +99,7 @@ def _few_pog_frames(run: RunFolder) -> list[str]:
         return []
     return [
         f"The surrogates use only {frames} frame{'s' * (frames != 1)}: other frames may rank "
-        "the placements otherwise."
+        "the placements differently."
     ]
 
 

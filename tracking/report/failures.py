@@ -10,6 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from lidarplace.base.number_text import percent
 from lidarplace.clouds.points_in_boxes import box_of_points
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.viewing.axes import equal_axes, xyz
@@ -142,7 +143,8 @@ def frame_in_space(
         mode="markers",
         marker={"size": 4, "color": [[*FOUND.values()][i] for i in fate]},
         hovertext=[
-            f"{text(row['class'])}<br>found by {share:.0%} of the seeds{_points(row['points'])}"
+            f"{text(row['class'])}<br>found by {percent(share)} of the seeds"
+            + _points(row["points"])
             for row, share in zip(objects.to_dict("records"), shares, strict=True)
         ],
         **TOLD,

@@ -11,7 +11,7 @@ from tracking.figures import of_searches
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.labels import DASH, digits, number
 from tracking.pages.html_page import write_page
-from tracking.pages.requirements import ALONE, counted, draw_failures, verdict_table
+from tracking.pages.requirements import ALONE, counted, draw_verdicts, verdict_table
 from tracking.pages.section import MOST_ROWS, Section, Table
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig
@@ -19,6 +19,8 @@ from tracking.search_report import headline, tables
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import constraint_table, infeasible_sentences, nearest_trial
 
+PAGE = Path(__file__).with_name("search.html")
+"""Template of the pages of a search and of the cheapest rig."""
 MOST_RIGS = 12
 """Rigs of a front whose mounts are listed; the picture's menu is filled up to as many."""
 MOST_BEST = 4
@@ -38,10 +40,10 @@ def build_search_report(folder: Path) -> Path:
     parts += [_requirements, _robustness, _verified, _parameters]
     return write_page(
         run.path / "search.html",
-        Path(__file__).with_name("search.html"),
+        PAGE,
         name=search.name,
         summary=headline.summary(search),
-        search=search,
+        command=search.command,
         answer=headline.answer(run),
         next_steps=headline.next_steps(run),
         warnings=cautions(run),
@@ -95,15 +97,20 @@ def _picture(run: SearchFolder) -> Section:
         kinds[kind] = {name: rig for name, rig in rigs.items() if rig.role == role}
     menu = {name: rig for kind in kinds.values() for name, rig in kind.items()}
     further = [(name, rig) for name, rig in rigs.items() if name not in menu]
-    kinds["others that were found"] = dict(further[: max(0, MOST_RIGS - len(menu))])
-    menu |= kinds["others that were found"]
+    kinds["others"] = dict(further[: max(0, MOST_RIGS - len(menu))])
+    menu |= kinds["others"]
     if not menu:
         return Section("The rigs", place="picture")
     named = ", ".join(kind for kind, of_kind in kinds.items() if of_kind)
-    pictured = {name: PicturedRig.found(rig) for name, rig in menu.items()}
+    pictured = {
+        name: PicturedRig.in_zones(rig.placed, rig.models, rig.zones) for name, rig in menu.items()
+    }
     picture = rig_picture(pictured, run.search.body, run.search.zones)
     return Section(
-        "The rigs", [f"The menu has {named}. {AXES_AND_POSTS}"], [picture], place="picture"
+        "The rigs",
+        [f"Choose a rig in the menu: {named}. {AXES_AND_POSTS}"],
+        [picture],
+        place="picture",
     )
 
 
@@ -169,7 +176,7 @@ def _pareto(run: SearchFolder) -> Section | None:
     if len(search.objectives) < 2:
         return None
     notes = [
-        f"{headline.of_front(search)}: none of them is better than another in every objective."
+        f"{headline.of_front(search)}: whoever improves one objective makes another one worse."
     ]
     if search.strided:
         notes.append(f"All values here are as searched, with {search.strided}.")
@@ -185,7 +192,8 @@ def _requirements(run: SearchFolder) -> Section | None:
     table = verdict_table(worst, ["rig"]).first(MOST_ROWS)
     section = Section("Requirements", [counted(worst), ALONE], tables=[table], folded=True)
     mounts = {name: rig.placed for name, rig in rigs.items()}
-    draw_failures(section, worst, "rig", worst["rig"].unique(), mounts, run.grounds)
+    order = dict.fromkeys([*_best(run), *worst["rig"]])
+    draw_verdicts(section, worst, "rig", order, mounts, run.grounds)
     return section
 
 
@@ -202,8 +210,8 @@ def _robustness(run: SearchFolder) -> Section | None:
         return None
     reference = search.baseline or str(rows["rig"].iloc[0])
     note = (
-        f"The same rigs in other cases: the mean over draws, in percent of what {reference} is "
-        "worth as designed, for every rig; the bar ends at the worst draw."
+        "The same rigs in other cases: the mean over draws, in percent of the value of "
+        f"{reference} as designed; the bar ends at the worst draw."
     )
     section = Section("Robustness", [note], columns=1)
     for objective in search.objectives:
@@ -221,8 +229,8 @@ def _chosen(run: SearchFolder) -> Section | None:
     if rows is None or rows.empty or search.baseline is None:
         return None
     note = (
-        "The best rigs of the search and the paper's eight, judged again by the generalist: the "
-        "best of many trials is also the luckiest, and here its luck is gone. Differences to "
+        "The best rigs of the search and the paper's eight, evaluated again by the generalist on "
+        "other traffic, because the best of many trials is also the luckiest. Differences to "
         f"{search.baseline} have 95 % intervals that hold for all pairs of rigs at once, over the "
         "routes and individuals of these frames and, where there are several, over generalists."
     )

@@ -77,7 +77,7 @@ def infeasible_sentences(run: SearchFolder) -> list[str]:
     ]
     if parts:
         sentences.append(
-            f"Nearest, in shares of the limits, is trial {nearest['number']}. It breaks "
+            f"Closest, relative to the limits, is trial {nearest['number']}. It breaks "
             f"{', '.join(parts)}{'; the least broken first' if len(parts) > 1 else ''}."
         )
     parts = [
@@ -86,11 +86,9 @@ def infeasible_sentences(run: SearchFolder) -> list[str]:
         if (least := possible[f"violation.{c.name}"].min()) > 0
     ]
     if parts:
-        sentences.append(
-            f"No {'other ' if clashes else ''}trial at all kept {', nor '.join(parts)}."
-        )
+        sentences.append(f"No {'other ' if clashes else ''}trial kept {', nor '.join(parts)}.")
     else:
-        sentences.append("Some trial kept each of them: it is all together that none kept.")
+        sentences.append("Each one was kept by some trial, but no trial kept all.")
     return sentences
 
 

@@ -47,7 +47,7 @@ def next_steps(run: SearchFolder) -> list[Command]:
     few = _few_seeds(run)
     if not few or "pretrained" in run.search.first.name.split("."):  # of which there is one
         return [*run.search.commands]
-    step = "too little is known to choose a rig: judge with more generalists"
+    step = "not enough evidence to choose a rig: evaluate with more generalists"
     return [Command(what=step, line=remedy(run.search.command, few)), *run.search.commands]
 
 
@@ -82,7 +82,8 @@ def _found(run: SearchFolder) -> Card:
     count = len(search.constraints)
     constraints_kept = f"it keeps all {count} constraints" if count else "there were no constraints"
     lines.append(f"Feasible: {constraints_kept}.")
-    models = (f"{number} {name}" for name, number in sorted(Counter(rig.models).items()))
+    numbers = sorted(Counter(rig.models).items())
+    models = (f"{number} {name}" if numbers[1:] else name for name, number in numbers)
     lines.append(f"{len(rig.mounts)} LiDAR{'s' * (len(rig.mounts) > 1)}: {', '.join(models)}.")
     pairs = sorted({zone.name for zone in search.zones if zone.mirrored} & {*rig.zones})
     lines += [pairs_sentence(pairs)] if pairs else []

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import plotly.graph_objects as go
 import yaml
 
@@ -113,8 +112,8 @@ _SHARES = tuple(map(_shares, LEAST))
 def _score_table(validation: Validation, by: str, caption: str) -> Table:
     """Tabulate rows of `comparison`, as shipped and corrected below each other."""
     rows = validation.scores[validation.scores["by"] == by]
-    order = dict.fromkeys(rows["group"])
-    rows = pd.concat([rows[rows["group"] == group] for group in order])
+    order = {group: place for place, group in enumerate(dict.fromkeys(rows["group"]))}
+    rows = rows.sort_values("group", key=lambda groups: groups.map(order), kind="stable")
 
     def label(row: Mapping[Any, Any]) -> str:
         model = _MODELS[row["model"]]

@@ -8,6 +8,7 @@ import pandas as pd
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import rankdata
 
+from lidarplace.base.number_text import percent
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.logs.plausibility import ImplausibleValue
 from training.sanity_checks.sample import Overlaps, Sample
@@ -74,7 +75,7 @@ def _scores(sample: Sample, hits: Overlaps) -> Iterator[ImplausibleValue]:
         variance += both * (len(rows) + 1) / 12
     low, high = score.min(), score.max()
     if pairs_won < min(LEAST_AUC * pairs, pairs / 2 - SIGMAS * math.sqrt(variance)):
-        won = f"{pairs_won / pairs:.0%}"
+        won = f"{percent(pairs_won / pairs)}"
         problem = f"a hit has a higher score than a false alarm in {won} of the pairs"
         remedy = "the surer the higher; negate them" if high <= 0 else "the surer the higher"
         yield ImplausibleValue("score", "score", problem, remedy, certain=bool(high <= 0))

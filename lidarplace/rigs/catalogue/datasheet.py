@@ -104,8 +104,8 @@ def datasheet(name: str) -> Datasheet:
         return catalogue()[names[_bare(name)]]
     if close := difflib.get_close_matches(_bare(name), names, n=3):
         hint = f"did you mean {' or '.join(names[key] for key in close)}?"
-        raise InputError(f"no LiDAR is called {name!r}", fix=hint)
-    raise InputError(f"no LiDAR is called {name!r}", expected=f"one of {', '.join(catalogue())}")
+        raise InputError(f"unknown LiDAR {name!r}", fix=hint)
+    raise InputError(f"unknown LiDAR {name!r}", expected=f"one of {', '.join(catalogue())}")
 
 
 @cache

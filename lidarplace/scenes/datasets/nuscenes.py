@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from lidarplace.base.errors import InputError
 from lidarplace.logs.box_log import BoxLog
@@ -27,7 +28,8 @@ projected onto the ground (https://github.com/nutonomy/nuscenes-devkit/issues/16
 wheelbase ahead. The vehicles are Renault Zoes, whose wheelbase is 2.588 m."""
 
 LIDAR = "LIDAR_TOP"
-"""The annotations of a sample belong to the sweep of this sensor, so its pose is the ego's."""
+"""The annotations of a sample belong to the sweep of this sensor, so its pose is the ego's. In data
+sets of the same tables it is the first channel."""
 STEPS = 1084  # of its HDL-32E, which turns at 20 Hz; the data sheet's steps are those of 10 Hz
 
 
@@ -40,12 +42,14 @@ def read_nuscenes(
     ignored: Counter[str] | None = None,
     lidar: Lidar | None = None,
     keep_ignored: bool = False,
+    channels: Sequence[str] = (),
+    origin: Sequence[float] = ORIGIN,
 ) -> BoxLog:
     """Read the annotated samples (key frames) of nuScenes as a box log.
 
     Frames count through the log, scene by scene in the order of their names; `route` numbers the
     scenes. Pitch and roll of boxes and of the road are lost. Boxes have `num_lidar_pts` as
-    `POINTS`, and a scene has the rig of its first sample: `LIDAR`, as calibrated.
+    `POINTS`, and a scene has the rig of its first sample, as calibrated.
 
     Args:
         folder: where the tables are (`v1.0-mini`, …), or the folder above.
@@ -56,14 +60,22 @@ def read_nuscenes(
         ignored: gets the number of boxes left out by category.
         lidar: model of the LiDAR; None: HDL-32E at 20 Hz.
         keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
+        channels: the LiDARs of the rig, the one of the ego's poses first; by default all, `LIDAR`
+            first.
+        origin: our ego origin in the ego frame of the tables, metres.
 
     Raises ValueError if a table is wrong, a token leads nowhere, or a category is unknown."""
     folder = _tables(folder, version)
     class_map = merged(NUSCENES, class_map, keep_ignored)
     scene = read_table(folder / "scene.json", ("name", "log_token"))
     sample = read_table(folder / "sample.json", ("scene_token", "timestamp"))
-    sweep = _sweeps(folder, sample)
-    frames, frame_of, ego = _frames(folder, scene, sample, sweep, test_scenes)
+    channels = _channels(folder, channels)
+    if lidar is None and tuple(channels) != (LIDAR,):
+        fix = f"name it by --lidar, or choose --channel {LIDAR}"
+        raise InputError(f"unknown model of {', '.join(channels)}", place=folder, fix=fix)
+    sweeps = {channel: _sweeps(folder, sample, channel) for channel in channels}
+    sweep = sweeps[channels[0]]
+    frames, frame_of, ego = _frames(folder, scene, sample, sweep, test_scenes, origin)
 
     names = ("sample_token", "instance_token", "translation", "size", "rotation", "num_lidar_pts")
     box = read_table(folder / "sample_annotation.json", names)
@@ -80,10 +92,17 @@ def read_nuscenes(
     if (row := first(boxes[POINTS] < 0)) is not None:
         raise InputError(place=box.row(row), key="num_lidar_pts", expected="at least 0")
     rows = np.argsort(frame_of)[np.flatnonzero(~frames["scene"].duplicated())]
-    sensors = _poses(folder, "calibrated_sensor", sweep.take(rows), ORIGIN)
-    lidar = lidar or replace(Lidar.named("hdl32e"), azimuth_steps=STEPS)
+    mounts = [_poses(folder, "calibrated_sensor", s.take(rows), origin) for s in sweeps.values()]
+    sensors = Poses(
+        np.stack([mount.position for mount in mounts], axis=1).reshape(-1, 3),
+        Rotation.from_quat(
+            np.stack([mount.rotation.as_quat() for mount in mounts], axis=1).reshape(-1, 4)
+        ),
+    )
+    lidars = [lidar or replace(Lidar.named("hdl32e"), azimuth_steps=STEPS)] * len(channels)
+    of_scene = np.arange(len(channels))
     rigs = {
-        name: recorded_rig("nuscenes", (LIDAR,), sensors[np.array([n])], [lidar])
+        name: recorded_rig("nuscenes", channels, sensors[of_scene + n * len(channels)], lidars)
         for n, name in enumerate(frames["scene"].unique())
     }
     return BoxLog(classified(boxes), frames, rigs=rigs)
@@ -119,6 +138,7 @@ def _frames(
     sample: TokenTable,
     sweep: TokenTable,
     test_scenes: Sequence[str] | float,
+    origin: Sequence[float],
 ) -> tuple[pd.DataFrame, NDArray[np.int64], Poses]:
     """Return the table of frames, the frame of every sample, and our ego pose by frame."""
     names = np.array(scene.columns["name"], dtype=object)
@@ -129,7 +149,7 @@ def _frames(
     route, time_us = route_of[in_order], timestamp[in_order]
     start_us = pd.Series(time_us).groupby(route).transform("first").to_numpy()
     test = _test(scene, order, test_scenes)[order]
-    ego = _poses(folder, "ego_pose", sweep)[in_order].moved(ORIGIN)
+    ego = _poses(folder, "ego_pose", sweep)[in_order].moved(origin)
     frames = pd.DataFrame(
         {
             "scene": names[order][route],
@@ -162,13 +182,30 @@ def _test(
     return np.array([log in test for log in logs], bool)
 
 
-def _sweeps(folder: Path, sample: TokenTable) -> TokenTable:
-    """Return the rows of `sample_data` that are the key frames of `LIDAR`, by row of `sample`."""
+def _channels(folder: Path, channels: Sequence[str]) -> Sequence[str]:
+    """Return the channels of LiDARs, all by default; `LIDAR` is then the first.
+
+    Raises ValueError if one is unknown, or none of them is the first."""
+    sensor = read_table(folder / "sensor.json", ("channel", "modality"))
+    kinds = zip(sensor.columns["channel"], sensor.columns["modality"], strict=True)
+    lidars = sorted({name for name, kind in kinds if kind == "lidar"})
+    listed = ", ".join(lidars) or "none"
+    if unknown := [name for name in channels if name not in lidars]:
+        problem = f"no LiDAR {unknown[0]!r}"
+        raise InputError(problem, place="--channel", expected=f"one of {listed}")
+    if not channels and LIDAR not in lidars:
+        fix = "name all LiDARs by --channel, the one of the ego's poses first"
+        raise InputError(f"no {LIDAR}", place=sensor.path, found=listed, fix=fix)
+    return channels or [LIDAR, *(name for name in lidars if name != LIDAR)]
+
+
+def _sweeps(folder: Path, sample: TokenTable, channel: str) -> TokenTable:
+    """Return the rows of `sample_data` that are key frames of a channel, by row of `sample`."""
     sensor = read_table(folder / "sensor.json", ("channel",))
     calibrated = read_table(folder / "calibrated_sensor.json", ("sensor_token",))
     tokens = ("sample_token", "ego_pose_token", "calibrated_sensor_token")
     sweep = read_table(folder / "sample_data.json", (*tokens, "is_key_frame", "filename"))
-    lidar = np.array(sensor.columns["channel"], dtype=object) == LIDAR
+    lidar = np.array(sensor.columns["channel"], dtype=object) == channel
     by_lidar = lidar[calibrated.rows_in(sensor, "sensor_token")]
     sweep.check("is_key_frame", lambda value: isinstance(value, bool), "true or false")
     by_lidar = by_lidar[sweep.rows_in(calibrated, "calibrated_sensor_token")]
@@ -176,7 +213,7 @@ def _sweeps(folder: Path, sample: TokenTable) -> TokenTable:
     in_sample = sweep.rows_in(sample, "sample_token")
     number = np.bincount(in_sample, minlength=len(sample))
     if (row := first(number != 1)) is not None:
-        expected = f"one key frame of {LIDAR} in {sweep.path.name}"
+        expected = f"one key frame of {channel} in {sweep.path.name}"
         raise InputError(place=sample.row(row), expected=expected, found=number[row])
     return sweep.take(np.argsort(in_sample))
 

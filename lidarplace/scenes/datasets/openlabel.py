@@ -20,6 +20,8 @@ from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classify, m
 from lidarplace.scenes.datasets.drives import Drive, in_frames, join_drives
 from lidarplace.scenes.datasets.openlabel_file import VEHICLE, Content, Matrix, OpenLabel, Systems
 
+LEAST_UPRIGHT = np.cos(np.radians(30))  # vertical part of the upright axis of a cuboid
+
 
 def read_openlabel(
     source: Path,
@@ -162,4 +164,19 @@ def _boxes_of_frame(
             to_vehicle[system] = matrix
         pose = to_vehicle[system] @ cuboids[0].pose()
         yaw = float(np.arctan2(pose[1, 0], pose[0, 0]))
-        yield uid, labelled.type, *pose[:3, 3].tolist(), *cuboids[0].val[-3:], yaw
+        sizes = _upright(pose, cuboids[0].val[-3:], f"{where} in {system}")
+        yield uid, labelled.type, *pose[:3, 3].tolist(), *sizes, yaw
+
+
+def _upright(pose: Matrix, sizes: Sequence[float], where: str) -> list[float]:
+    """Return length, width and height of sizes along a cuboid's own axes, by the upright one.
+
+    In the frame of a camera that is y. Raises ValueError if x is upright, or no axis is."""
+    upright = int(np.abs(pose[2, :3]).argmax())
+    if upright == 0 or abs(pose[2, upright]) < LEAST_UPRIGHT:
+        slope = np.degrees(np.arcsin(np.abs(pose[2, :3]).clip(0, 1))).round()
+        found = f"slopes of {slope[0]:g}, {slope[1]:g} and {slope[2]:g} degrees"
+        fix = "correct the transforms of its coordinate system"
+        expected = "a cuboid on the ground, its y or z axis upright"
+        raise InputError(place=where, expected=expected, found=found, fix=fix)
+    return [sizes[0], sizes[3 - upright], sizes[upright]]

@@ -23,7 +23,7 @@ NOTHING = "DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10
 def check_new(folder: Path) -> None:
     """Raise ValueError if `folder` holds anything, which would mix with what is written."""
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise InputError("is there already", place=folder, fix="give a new or an empty folder")
+        raise InputError("exists", place=folder, fix="name a new or an empty folder")
 
 
 def write_kitti(

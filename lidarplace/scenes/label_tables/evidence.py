@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 
+from lidarplace.base.number_text import percent
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.convention import OUR_AXES, Convention, Sense, Zero
 from lidarplace.scenes.label_tables.mapping import TableMapping
@@ -31,7 +32,8 @@ def convention_lines(log: BoxLog, mapping: TableMapping) -> Iterator[str]:
     What the values do not decide is an open key, see `TableMapping.candidates`."""
     axes, share, steps = axes_along_motion(log)
     along = "xy"[axes[1] in ("forward", "back")]
-    why = f"the way along {along} is {share:.0%} of {steps} steps; left or right shows in a preview"
+    why = f"the way along {along} is {percent(share)} of {steps} steps; a preview shows left and "
+    why += "right"
     if steps < LEAST_PASSING or share < MOST_ASIDE:
         axes, why = OUR_AXES, f"no value tells another: {why if steps else 'nothing moves'}"
     keys = ", ".join(f"{axis}: {way}" for axis, way in zip("xyz", axes, strict=True))
@@ -48,8 +50,8 @@ def convention_lines(log: BoxLog, mapping: TableMapping) -> Iterator[str]:
     if back[best] > BACKWARDS:
         zero = "-x" if zero == "x" else "-y"
     other = best ^ 1  # the other sense
-    why = f"of {steps} steps {across[best]:.0%} are across the length, {ways[other][1]} "
-    why = f"{why}{across[other]:.0%}" if steps else "nothing moves"
+    why = f"of {steps} steps {percent(across[best])} are across the length, {ways[other][1]} "
+    why = f"{why}{percent(across[other])}" if steps else "nothing moves"
     off_axes = np.abs(np.sin(2 * log.boxes["yaw"].to_numpy(np.float64))) > ACROSS
     undecided = steps < LEAST_STEPS or max(across[best], across[other]) < MOST_ACROSS
     if undecided and off_axes.mean() > TURNED:

@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
+from lidarplace.base.number_text import percent
 from lidarplace.base.ranges import FRAMES
 from lidarplace.files.columns import check_values, integers, numbers, texts
 from lidarplace.logs.boxes import first
@@ -114,8 +115,9 @@ def _frames_of_drive(
             last, count = time, count + whole
         number[i] = count
     if off.any():
-        problem = f"{off[of_row].mean():.1%} of the rows of a drive are more than a quarter of a "
-        problem += f"frame off a rate of {rate:g} Hz, the first with {times[np.argmax(off)]:.16g}"
+        problem = f"{percent(off[of_row].mean(), '.1f')} of the rows of a drive are more than a "
+        problem += f"quarter of a frame off a rate of {rate:g} Hz, "
+        problem += f"the first with {times[np.argmax(off)]:.16g}"
         fix = "change frames.rate_hz or units.time"
         raise InputError(problem, place=source, key=mapping.stamp, fix=fix)
     labelled, first = np.unique(number, return_index=True)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from lidarplace.base.errors import InputError
+from lidarplace.base.number_text import percent
 from lidarplace.configuration.yaml import parse_yaml, read_yaml_file
 from lidarplace.logs.boxes import SIZE
 from lidarplace.logs.plausibility import SIZES
@@ -196,7 +197,8 @@ class _Proposal:
         counts = self.table[self.columns["category"]].astype(str).value_counts()
         for name, count in counts.iloc[:MOST_CATEGORIES].items():
             class_name = _class_in(str(name)) or "null"
-            yield f"  {_text(str(name))}: {class_name}   # {count / len(self.table):.1%}"
+            share = percent(count / len(self.table), ".1f")
+            yield f"  {_text(str(name))}: {class_name}   # {share}"
 
     def _drives(self) -> Iterator[str]:
         if "drive" not in self.columns:

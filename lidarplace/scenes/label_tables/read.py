@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from lidarplace.base.class_names import IGNORE
 from lidarplace.base.errors import InputError
+from lidarplace.base.number_text import percent
 from lidarplace.files.columns import counts_if_known, numbers, sizes, texts
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import FRAME_COLUMNS, GEOMETRY, POINTS, POSE_COLUMNS, SIZE, first
@@ -47,7 +48,9 @@ class Track(NamedTuple):
                 raise InputError(f"no pose of drive {drive!r}", place=self.source, key="poses")
             outside = (value < time[0] - self.slack) | (value > time[-1] + self.slack)
             if outside.any():
-                problem = f"{outside.mean():.1%} of the times of drive {drive!r} have none"
+                problem = (
+                    f"{percent(outside.mean(), '.1f')} of the times of drive {drive!r} have none"
+                )
                 expected = f"{time[0]:.16g} to {time[-1]:.16g}"
                 parts = {"expected": expected, "found": f"{value[np.argmax(outside)]:.16g}"}
                 raise InputError(problem, place=self.source, key="poses", **parts)
@@ -73,8 +76,8 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
     yaw = _yaws(table, poses, convention, source)
     turned = over_two_turns(yaw - convention.turn)
     if (row := first(turned)) is not None and "poses" not in mapping.accept:
-        problem = f"{turned.mean():.1%} of the rows are over two turns of radians, the first is "
-        problem += f"row {row} with {yaw[row] - convention.turn:g}"
+        problem = f"{percent(turned.mean(), '.1f')} of the rows are over two turns of radians, the "
+        problem += f"first is row {row} with {yaw[row] - convention.turn:g}"
         fix = "change poses.angle of the mapping, or accept the values: accept: [poses]"
         key = mapping.column("ego_yaw")
         raise InputError(problem, place=source, key=key, fix=fix)
@@ -179,7 +182,9 @@ def _classes(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArray
     if (row := first(unknown)) is not None:
         counts = Counter(category[unknown])
         names = ", ".join(f"{name} {count:,}" for name, count in counts.most_common(10))
-        problem = f"{unknown.mean():.1%} of the rows, from row {row}, have a category that "
+        problem = (
+            f"{percent(unknown.mean(), '.1f')} of the rows, from row {row}, have a category that "
+        )
         problem += f"`classes` does not name: {names}"
         raise InputError(problem, place=source, key=column, fix="null leaves one out")
     return np.array([mapping.classes[name] or IGNORE for name in category], object)
@@ -190,8 +195,10 @@ def _check_objects(boxes: pd.DataFrame, mapping: TableMapping, source: str) -> N
     twice = boxes.duplicated(["frame", "object_id"])
     if twice.any():
         box = boxes[twice].iloc[0]
-        problem = f"{twice.mean():.1%} of the rows repeat an object in its frame, the first is row "
-        problem += f"{twice.idxmax()} with {box['object_id']!r} of drive {box['scene']!r}"
+        problem = f"{percent(twice.mean(), '.1f')} of the rows repeat an object in its frame, the "
+        problem += (
+            f"first is row {twice.idxmax()} with {box['object_id']!r} of drive {box['scene']!r}"
+        )
         fix = "change columns.object, columns.drive, or the key of frames: "
         fix += f"{mapping.stamp}, units.time and frames.rate_hz"
         raise InputError(problem, place=source, key=mapping.column("object"), fix=fix)

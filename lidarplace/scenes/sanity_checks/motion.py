@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.number_text import percent
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import POSE_COLUMNS
 from lidarplace.logs.convention import OUR_AXES, Axis, Convention
@@ -136,7 +137,7 @@ def implausible_axes(log: BoxLog) -> Iterator[ImplausibleValue]:
         return  # `implausible_poses` compares these with the vehicle's motion
     axes, share, steps = axes_along_motion(log)
     if axes[1] in ("forward", "back") and share > MOST_ASIDE and steps >= LEAST_PASSING:
-        problem = f"boxes move along y in {share:.0%} of their way, as if y were ahead"
+        problem = f"boxes move along y in {percent(share)} of their way, as if y were ahead"
         rows = np.ones(len(log.boxes), bool)
         convention = Convention.of(axes)
         remedy = f"axes (y {axes[1]})"
@@ -168,8 +169,8 @@ def implausible_poses(log: BoxLog) -> Iterator[ImplausibleValue]:
     off = moved & (ahead < math.sqrt(1 - ACROSS**2) * length)
     if moved.sum() >= LEAST_STEPS and off.sum() > MOST_OFF * moved.sum():
         problem = (
-            f"the vehicle drives another way than it heads in {off.sum() / moved.sum():.0%} of "
-            f"{moved.sum():,} steps"
+            f"the vehicle drives another way than it heads in {percent(off.sum() / moved.sum())} "
+            f"of {moved.sum():,} steps"
         )
         remedy = "poses.angle, or poses.yaw (from the x axis towards y)"
         rows, certain = off[log.frames.index].to_numpy(bool), bool(moved.sum() >= CERTAIN_STEPS)
@@ -193,7 +194,7 @@ def _compare_conventions(
         return
     if across.mean() < MOST_ACROSS:
         if ours.back.mean() > BACKWARDS:
-            problem = f"vehicles move against their heading in {ours.back.mean():.0%} of "
+            problem = f"vehicles move against their heading in {percent(ours.back.mean())} of "
             problem += f"{len(across):,} steps"
             behind = Convention.of(zero="-x")
             yield from _sliding(log, ours, ours.back, problem, "yaw by half a turn", behind)
@@ -205,8 +206,8 @@ def _compare_conventions(
     best = int(np.argmin(shares))
     if shares[best] < across.mean() / CLEARLY:
         problem = (
-            f"vehicles move across their length axis in {across.mean():.0%} of {len(across):,} "
-            f"steps, with {others[best].meaning} in {shares[best]:.0%}"
+            f"vehicles move across their length axis in {percent(across.mean())} of "
+            f"{len(across):,} steps, with {others[best].meaning} in {percent(shares[best])}"
         )
         other = others[best]
         convention = other.convention if other.is_mapped else None

@@ -80,22 +80,32 @@ _RAIL_AND_OTHERS = (
 SIDEWALKS = ("sidewalk", "walking")
 """Types of lanes for pedestrians; the second is OpenDRIVE's since version 1.8."""
 
-LANE_TYPES = f"""<types>
-<type id="driving" priority="1" speed="{SPEED_M_S}" width="3.5" disallow="{_RAIL_AND_OTHERS}"/>
-<type id="biking" priority="0" speed="{SPEED_M_S}" width="1.5" allow="bicycle"/>
-<type id="sidewalk" priority="0" speed="2.78" width="2" allow="pedestrian"/>
-<type id="walking" priority="0" speed="2.78" width="2" allow="pedestrian"/>
-<type id="shoulder" priority="0" speed="1.39" width="1" disallow="all"/>
-<type id="border" priority="0" speed="1.39" width="0.1" disallow="all"/>
-<type id="median" priority="0" speed="1.39" width="0.1" disallow="all"/>
-<type id="curb" priority="0" speed="1.39" width="0.1" disallow="all"/>
-<type id="parking" priority="0" speed="1.39" width="2.5" disallow="all"/>
-<type id="bidirectional" priority="0" speed="1.39" width="3.5" disallow="all"/>
-<type id="none" priority="0" speed="1.39" width="1" disallow="all" discard="true"/>
-</types>
-"""
-"""Users of a lane, by its type in OpenDRIVE. Lanes for nobody keep the others in their place.
-By netconvert's own table sidewalks are left out, or open to cars."""
+_ROADS = (
+    *("driving", "entry", "exit", "onRamp", "offRamp", "mwyEntry", "mwyExit", "stop"),
+    *("connectingRamp", "slipLane"),
+)
+"""Types of lanes for all road traffic: those of SUMO's own table, and OpenDRIVE's newer ones."""
+_CLOSED = {"shoulder": 1.0, "border": 0.1, "median": 0.1, "curb": 0.1, "parking": 2.5}
+_CLOSED |= {"bidirectional": 3.5, "restricted": 3.5}
+"""Width of lanes for nobody, metres, by their type. They keep the others in their place."""
+_LANE = '<type id="{}" priority="{}" speed="{}" width="{}" {}/>'
+LANE_TYPES = "\n".join(
+    [
+        "<types>",
+        *(
+            _LANE.format(name, 1, SPEED_M_S, 3.5, f'disallow="{_RAIL_AND_OTHERS}"')
+            for name in _ROADS
+        ),
+        _LANE.format("biking", 0, SPEED_M_S, 1.5, 'allow="bicycle"'),
+        *(_LANE.format(name, 0, 2.78, 2, 'allow="pedestrian"') for name in SIDEWALKS),
+        *(_LANE.format(name, 0, 1.39, width, 'disallow="all"') for name, width in _CLOSED.items()),
+        _LANE.format("none", 0, 1.39, 1, 'disallow="all" discard="true"'),
+        "</types>",
+        "",
+    ]
+)
+"""Users of a lane, by its type in OpenDRIVE. By netconvert's own table sidewalks are left out, or
+open to cars."""
 
 
 def convert_opendrive(path: Path, folder: Path) -> TownMap:
@@ -140,8 +150,10 @@ RULES = ("RHT", "LHT")
 def read_opendrive(path: Path) -> Element:
     """Read the tree of `path` (`.xodr` or `.xodr.gz`), without namespaces.
 
-    Centre lanes without a type get "none": they have no width, and OpenDRIVE 1.8 has them so.
-    Raises ValueError for no OpenDRIVE, a lane without id or type, or a direct junction."""
+    Mended is what netconvert would stop at, or drop: centre lanes without a type get "none", as
+    they have no width and OpenDRIVE 1.8 has them so; lanes of types that are none of `LANE_TYPES`
+    are closed; arcs of curvature 0 are lines; signals without a type are left out. Raises
+    ValueError for no OpenDRIVE, a lane without id or type, or a direct junction."""
     with reading(path, "a gzip file", gzip.BadGzipFile, EOFError, zlib.error):
         data = regular(path).read_bytes()
         data = gzip.decompress(data) if path.suffix == ".gz" else data
@@ -165,6 +177,16 @@ def read_opendrive(path: Path) -> Element:
                     label = f"lane {lane.get('id')}" if name == "type" else "a lane"
                     place = f"{path}: road {road.get('id')}"
                     raise InputError(f"{label} has no {name}", place=place)
+            if f'"{lane.get("type")}"' not in LANE_TYPES:
+                lane.set("type", "restricted")
+    for geometry in root.iter("geometry"):
+        for arc in geometry.findall("arc"):
+            with contextlib.suppress(ValueError):
+                if float(arc.get("curvature", "nan")) == 0:
+                    arc.tag, arc.attrib = "line", {}
+    for signals in root.iter("signals"):
+        for signal in [each for each in signals.findall("signal") if not each.get("type")]:
+            signals.remove(signal)
     return root
 
 

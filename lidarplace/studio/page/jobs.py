@@ -190,7 +190,7 @@ class Jobs:
 
     def _idle(self) -> None:
         if self._command is not None and self._command.exit_code is None:
-            raise ValueError("something runs already; wait, or cancel it")
+            raise ValueError("another job is running; wait, or cancel it")
 
     def _start(self, *words: str) -> None:
         self._command = Command(["sweeps.main", *words], self._show)
@@ -205,7 +205,7 @@ class Jobs:
         assert self._command is not None
         code = self._command.wait()
         if code and self._command.cancelled:
-            self._say("cancelled; the next time it goes on from there", True)
+            self._say("cancelled; the next start resumes it", True)
         elif code:
             last = self._command.lines[-1:] or (f"exit code {code}",)
             raise ValueError(last[0])

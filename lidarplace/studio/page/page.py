@@ -148,7 +148,7 @@ def send_picture(client: viser.ClientHandle) -> None:
         size = client.camera.image_height, client.camera.image_width
         image = client.get_render(*size, transport_format="png", timeout=PATIENCE_S)
     except (TimeoutError, RuntimeError) as error:
-        raise ValueError(f"no picture came from the browser: {error}") from None
+        raise ValueError(f"the browser sent no picture: {error}") from None
     pixels = image.astype(np.float64)
     opacity = pixels[..., 3:] / 255
     on_white = (opacity * pixels[..., :3] + (1 - opacity) * 255).round().astype(np.uint8)

@@ -80,7 +80,7 @@ def left_out_message(studio: Studio) -> str:
 def violations_list(violations: Sequence[ReportedViolation]) -> str:
     """List what is violated, or say that all constraints are kept."""
     if not violations:
-        return _box("✓ all constraints are kept", f"; {_APART}; color:#2b8a3e")
+        return _box("✓ all constraints are met", f"; {_APART}; color:#2b8a3e")
     return _box(
         _lines(f"✗ {violation.text}" for violation in violations), f"; {_APART}; color:#c92a2a"
     )
@@ -98,7 +98,10 @@ def unseen_list(objects: pd.DataFrame) -> str:
 def object_answer(objects: pd.DataFrame, chosen: str, rays: Sequence[AimedRays]) -> str:
     """Describe what is seen of an object, and what happens to rays that aim at it, by LiDAR."""
     rows = objects[objects["object_id"].astype(str) == chosen]
-    lines = ["It does not count: it is hidden from above the vehicle, too, or outside of the ROI."]
+    lines = [
+        "It does not count: an ideal sensor on the roof does not see it, or it is outside of the "
+        "ROI."
+    ]
     if len(rows):
         row = rows.iloc[0]
         away = float(np.hypot(row["x"], row["y"]))

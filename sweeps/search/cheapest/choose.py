@@ -70,9 +70,9 @@ def check(problem: SearchProblem) -> str:
             unknown = dict(zip(problem.space.models, costs, strict=True))
             raise InputError(place=file, key=key, expected=expected, found=unknown)
     mounts = check_grid(problem)
-    low, high = problem.space.numbers
+    numbers = " to ".join(map(str, sorted({*problem.space.numbers})))
     return (
-        f"least {by} of {low} to {high} LiDARs; models: {len(problem.space.models)}, mounts of the "
+        f"least {by} of {numbers} LiDARs; models: {len(problem.space.models)}, mounts of the "
         f"grid: {mounts:,}, requirements: {len(carrier.requirements)}"
     )
 

@@ -101,9 +101,10 @@ def _value(problem: SearchProblem, placed: Sequence[Assignment]) -> tuple[float,
 
 
 def needed_for(problem: SearchProblem, rig: Rig, recall: Recall | None) -> list[str]:
-    """Name the first failure without each LiDAR, or without its mirrored pair; "" for none.
+    """Name the first failure without each LiDAR, or without it and its mirror image.
 
-    It is a requirement, a constraint, the recall, or the setting that asks for the LiDAR."""
+    It is a requirement, a constraint, the recall, or the setting that asks for the LiDAR. Where
+    nothing fails, it says why the LiDAR is there all the same."""
     return [_needed_for(problem, rig, lidar, recall) for lidar in rig]
 
 
@@ -112,7 +113,10 @@ def _needed_for(
 ) -> str:
     search, placed = problem.file.search, slots_of(rig, problem) or ()
     together = next((place.rig for place in placed if lidar in place.rig), ())
-    removals = {(lidar,): ""} | ({together: "the pair: "} if len(together) > 1 else {})
+    removals: dict[Rig, str] = {(lidar,): ""}
+    if len(together) > 1:
+        (partner,) = (rig.index(other) + 1 for other in together if other != lidar)
+        removals[together] = f"without LiDAR {partner}, its mirror image, too: "
     for parts, text in removals.items():
         rest = tuple(other for other in rig if other not in parts)
         if (rig_check := check_rig(rest, problem)).broken:
@@ -124,7 +128,9 @@ def _needed_for(
     least = search.cheapest.recall
     if recall is not None and least is not None and (recall_value := recall(rest)) < least:
         return f"{search.objective[0].name} {recall_value:.1f}"
-    return ""
+    if cost_of(rest, problem) >= cost_of(rig, problem):
+        return f"nothing: the {search.cheapest.by} is the same without it"
+    return "nothing: search.cheapest.seconds were over before it was left out"
 
 
 def _worst(rig_check: RigCheck) -> str:

@@ -2,19 +2,19 @@
 
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 
+import pandas as pd
 from rich.console import Console
-from rich.table import Table
 
 from lidarplace.command_line.terminal import table
 from lidarplace.files.atomic import write_text
 from lidarplace.requirements.tables import case_table, worst_cases
 from sweeps.search.cheapest.cheapest_rig import CheapestResult, Recall
 from sweeps.search.cheapest.polish import needed_for
-from sweeps.search.cheapest.rig_check import check_rig, cost_of
+from sweeps.search.cheapest.rig_check import RigCheck, check_rig, cost_of
 from sweeps.search.greedy.certificate import slots_of
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig
@@ -22,7 +22,99 @@ from tracking.labels import digits
 from tracking.pages.requirements import verdict_table
 from tracking.search_report.headline import pairs_sentence
 
+FILE = "cheapest.html"
+"""Name of the page."""
+WHY = "without it fails"
 _UNITS = {"lidars": "LiDARs", "price": "", "power": "W", "height": "m"}
+
+
+@dataclass(frozen=True)
+class CheapestAnswer:
+    """The cheapest rig of the grid, `chosen`, the refined one, `rig`, and all that is said of it.
+
+    `command` runs the choice again; `recall` is as for `choose.cheapest`."""
+
+    problem: SearchProblem
+    chosen: CheapestResult
+    rig: Rig | None
+    command: str
+    recall: Recall | None
+
+    @property
+    def name(self) -> str:
+        """Name of the listed rig on the page."""
+        return "the closest rig" if self.rig is None else "the rig"
+
+    @property
+    def listed(self) -> Rig:
+        """The rig, or the closest that was checked; empty without either."""
+        return self.rig or self.chosen.closest or ()
+
+    @cached_property
+    def check(self) -> RigCheck:
+        """Constraints and requirements of the listed rig."""
+        return check_rig(self.listed, self.problem)
+
+    @cached_property
+    def needed_for(self) -> list[str]:
+        """What fails without each LiDAR of the rig; empty texts for the closest one."""
+        if self.rig is None:
+            return [""] * len(self.listed)
+        return needed_for(self.problem, self.rig, self.recall)
+
+    @cached_property
+    def worst(self) -> pd.DataFrame:
+        """Requirements of the listed rig in their worst cases, the least to spare first."""
+        if not self.listed or not self.check.outcomes:
+            return pd.DataFrame()
+        worst = worst_cases(case_table(self.check.outcomes), [])
+        order = (worst["value"] / worst["at_least"]).argsort(kind="stable")
+        return worst.iloc[order].reset_index(drop=True)
+
+    @property
+    def proof(self) -> str:
+        """The proof about all rigs of the grid in a sentence."""
+        return proof(self.problem, self.chosen)
+
+    @property
+    def refined(self) -> str:
+        """What refinement between the candidates gained, a sentence; "" for nothing."""
+        before = self.chosen.rig
+        if self.rig is None or before is None or self.rig == before:
+            return ""
+        refined = cost_text(self.problem, cost_of(self.rig, self.problem))
+        if (margin := check_rig(before, self.problem).margin) < math.inf:
+            refined += f", least margin {margin:.3g} → {self.check.margin:.3g} times the need"
+        return f"Refined between the candidates: {refined}."
+
+    @property
+    def broken(self) -> list[str]:
+        """Constraints that the listed rig breaks, without requirements."""
+        names = [c.name for c in self.check.broken] if self.listed else []
+        return [name for name in names if not name.startswith("requirement.")]
+
+    @property
+    def mirrored(self) -> list[str]:
+        """Zones of the listed rig's mirrored pairs."""
+        places = slots_of(self.listed, self.problem) or ()
+        return sorted({place.lidar.zone for place in places if place.slot.pair})
+
+    def lidar_rows(self) -> tuple[list[str], list[list[str]]]:
+        """Return the head and the rows of the table of LiDARs, with why the rig needs each."""
+        rows = []
+        for number, (lidar, reason) in enumerate(
+            zip(self.listed, self.needed_for, strict=True), start=1
+        ):
+            mount = lidar.mount
+            places = (digits(value, "z.3f") for value in mount.position.tolist())
+            turns = (digits(math.degrees(a), "z.1f") for a in (mount.roll, mount.pitch, mount.yaw))
+            why = [reason] if self.rig is not None else []
+            zone = lidar.zone or "fixed"
+            rows.append([str(number), lidar.model, zone, *why, *places, *turns])
+        head = ["LiDAR", "model", "zone", "x", "y", "z", "roll °", "pitch °", "yaw °"]
+        if self.rig is not None:
+            head.insert(3, WHY)
+        return head, rows
 
 
 def proof(problem: SearchProblem, chosen: CheapestResult) -> str:
@@ -35,10 +127,10 @@ def proof(problem: SearchProblem, chosen: CheapestResult) -> str:
             return f"No rig of the grid meets everything, which is proven ({work})."
         return (
             f"No rig of the grid that meets everything was found in {settings.seconds:g} s; one "
-            f"would cost at least {_cost_text(problem, chosen.bound)} ({work})."
+            f"would cost at least {cost_text(problem, chosen.bound)} ({work})."
         )
     named = "" if settings.by == "lidars" else f"{settings.by} "
-    cost = f"{named}{_cost_text(problem, chosen.cost)}"
+    cost = f"{named}{cost_text(problem, chosen.cost)}"
     if chosen.gap == 0.0:
         number, proven = len(chosen.rig), "of the grid, which is proven"
         if settings.by != "lidars":
@@ -50,110 +142,77 @@ def proof(problem: SearchProblem, chosen: CheapestResult) -> str:
             f"{chosen.fewest:g} are needed, when search.cheapest.seconds were over ({work})."
         )
     return (
-        f"{cost}; no rig of the grid costs less than {_cost_text(problem, chosen.bound)}, a gap of "
+        f"{cost}; no rig of the grid costs less than {cost_text(problem, chosen.bound)}, a gap of "
         f"{100 * chosen.gap:.3g} %, when search.cheapest.seconds were over ({work})."
     )
 
 
-def _cost_text(problem: SearchProblem, cost: float) -> str:
+def cost_text(problem: SearchProblem, cost: float) -> str:
+    """Format a cost with its unit."""
     unit = _UNITS[problem.file.search.cheapest.by]
     return f"{cost:.6g} {unit.removesuffix('s') if cost == 1 else unit}".strip()
 
 
-def print_chosen(
-    console: Console,
-    problem: SearchProblem,
-    chosen: CheapestResult,
-    rig: Rig | None,
-    folder: Path,
-    recall: Recall | None,
-) -> None:
+def print_answer(console: Console, answer: CheapestAnswer, folder: Path) -> None:
     """Print the rig, why it needs each LiDAR, and what binds; or the rig that lacks least."""
-    console.print(proof(problem, chosen), style="bold", soft_wrap=True)
-    printed = rig or chosen.closest
-    if printed is None:
+    console.print(answer.proof, style="bold", soft_wrap=True)
+    if not answer.listed:
         console.print("No candidate keeps the constraints.")
-        return
-    rig_check = check_rig(printed, problem)
-    if rig is None:
+    elif answer.rig is None:
         console.print("The closest rig that was checked:")
-    elif rig != chosen.rig:
-        assert chosen.rig is not None
-        before = check_rig(chosen.rig, problem)
-        console.print(
-            f"Refined between the candidates: {_cost_text(problem, cost_of(rig, problem))}, least "
-            f"margin {before.margin:.3g} → {rig_check.margin:.3g}"
-        )
-    why = [""] * len(printed) if rig is None else needed_for(problem, rig, recall)
-    console.print(_lidars(printed, why))
-    if pairs := _mirrored_zones(problem, printed):
-        console.print(pairs_sentence(pairs), soft_wrap=True)
-    if rig_check.outcomes:
-        worst = worst_cases(case_table(rig_check.outcomes), [])
-        worst = worst.iloc[(worst["value"] / worst["at_least"]).argsort(kind="stable")]
-        binding = verdict_table(worst.reset_index(drop=True), [])
+    elif answer.refined:
+        console.print(answer.refined, soft_wrap=True)
+    if answer.listed:
+        head, rows = answer.lidar_rows()
+        console.print(table("LiDARs", head, rows, words={"zone", WHY}))
+    if answer.mirrored:
+        console.print(pairs_sentence(answer.mirrored), soft_wrap=True)
+    if len(answer.worst):
+        binding = verdict_table(answer.worst, [])
         words = {binding.head[i] for i in binding.words}
         title = "What binds, least to spare first"
         console.print(table(title, binding.head, binding.rows, words=words))
-    others = [c.name for c in rig_check.broken if not c.name.startswith("requirement.")]
-    if others:
-        console.print(f"broken: {', '.join(others)}")
-    if chosen.value is not None:
-        console.print(f"{problem.file.search.objective[0].name}: {chosen.value:.1f}")
-    if rig is not None:
+    if answer.broken:
+        console.print(f"broken: {', '.join(answer.broken)}")
+    if answer.chosen.value is not None:
+        objective = answer.problem.file.search.objective[0].name
+        console.print(f"{objective}: {answer.chosen.value:.1f}")
+    if answer.rig is not None:
         console.print(f"{folder / 'placement.yaml'}", soft_wrap=True)
+    console.print(f"{folder / FILE}", soft_wrap=True)
 
 
-def _mirrored_zones(problem: SearchProblem, rig: Rig) -> list[str]:
-    """Return the zones of the rig's mirrored pairs."""
-    pairs = (place.lidar.zone for place in slots_of(rig, problem) or () if place.slot.pair)
-    return sorted({*pairs})
+def write_answer(answer: CheapestAnswer) -> Path:
+    """Write `placement.yaml`, if there is a rig, and `cheapest.json`.
 
-
-def _lidars(rig: Rig, why: Sequence[str]) -> Table:
-    """Return a table with a row for each LiDAR, and why the rig needs it."""
-    rows = []
-    for lidar, reason in zip(rig, why, strict=True):
-        mount = lidar.mount
-        places = (digits(value, "z.3f") for value in mount.position.tolist())
-        turns = (digits(math.degrees(a), "z.1f") for a in (mount.roll, mount.pitch, mount.yaw))
-        rows.append([lidar.model, lidar.zone or "fixed", *places, *turns, reason])
-    head = ["model", "zone", "x", "y", "z", "roll °", "pitch °", "yaw °", "without it fails"]
-    return table("LiDARs", head, rows, words={"zone", head[-1]})
-
-
-def write_chosen(
-    problem: SearchProblem, chosen: CheapestResult, rig: Rig | None, command: str
-) -> Path:
-    """Write `placement.yaml`, if there is a rig, and `cheapest.json`. Returns their folder."""
-    folder = problem.folder / "cheapest"
+    Returns their folder."""
+    folder = answer.problem.folder / "cheapest"
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "placement.yaml").unlink(missing_ok=True)
-    content = as_json(problem, chosen, rig, command)
-    write_text(folder / "cheapest.json", json.dumps(content, indent=1))
-    if rig is not None:
-        write_text(folder / "placement.yaml", problem.placement_text(rig))
+    content = json.dumps(as_json(answer), indent=1)
+    write_text(folder / "cheapest.json", content)
+    if answer.rig is not None:
+        write_text(folder / "placement.yaml", answer.problem.placement_text(answer.rig))
     return folder
 
 
-def as_json(
-    problem: SearchProblem, chosen: CheapestResult, rig: Rig | None, command: str
-) -> dict[str, object]:
+def as_json(answer: CheapestAnswer) -> dict[str, object]:
     """Return the whole result for a script; infinite numbers are null."""
-    printed = rig or chosen.closest
-    rig_check = None if printed is None else check_rig(printed, problem)
-    cases = None if rig_check is None or not rig_check.outcomes else case_table(rig_check.outcomes)
+    problem, chosen, rig = answer.problem, answer.chosen, answer.rig
+    check = answer.check if answer.listed else None
+    cases = case_table(check.outcomes) if check is not None and check.outcomes else None
     numbers = {key: getattr(chosen, key) for key in ("cost", "bound", "fewest", "seconds", "value")}
     refined_cost = math.inf if rig is None else cost_of(rig, problem)
     numbers |= {**chosen.counts, "gap": chosen.gap, "refined_cost": refined_cost}
     return {
-        "command": command,
+        "command": answer.command,
         "by": problem.file.search.cheapest.by,
         "found": rig is not None,
         **{k: None if v is None or not math.isfinite(v) else v for k, v in numbers.items()},
-        "lidars": [asdict(lidar) for lidar in printed or ()],
-        "mirrored": [] if printed is None else _mirrored_zones(problem, printed),
-        "margin": None if rig_check is None or math.isinf(rig_check.margin) else rig_check.margin,
-        "broken": [] if rig_check is None else [c.name for c in rig_check.broken],
+        "lidars": [asdict(lidar) for lidar in answer.listed],
+        "without_it_fails": answer.needed_for if rig is not None else [],
+        "mirrored": answer.mirrored,
+        "margin": None if check is None or math.isinf(check.margin) else check.margin,
+        "broken": [] if check is None else [c.name for c in check.broken],
         "cases": [] if cases is None else json.loads(cases.to_json(orient="records")),
     }

@@ -29,7 +29,7 @@ from sweeps.search.output.tables import greedy_table, importances, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig, placement_of
-from sweeps.search.problem.space import Space, rig_of
+from sweeps.search.problem.space import rig_of, zones_of
 from sweeps.search.trials.aggregate import class_weights
 from sweeps.search.trials.study import assessment_of, finished_trials, journal_path
 from sweeps.search.verification.winners import AssessedRig, SearchFindings, stride_error
@@ -162,7 +162,7 @@ def _about(
         classes=file.classes,
         roi=Roi(file.roi.x, file.roi.y, file.roi.z, file.surrogate.resolution),
         frames=next((grid.frames for grid in findings.grids.values()), 0),
-        zones=_zones(problem.space),
+        zones=zones_of(problem.space),
         vehicle=vehicle.boxes.tolist(),
         vehicle_mesh=Triangles.of(vehicle.mesh),
         models={
@@ -193,20 +193,6 @@ def _stride(problem: SearchProblem, findings: SearchFindings) -> kinds.Stride | 
     if not any(objective.by in RAY_SURROGATES for objective in criteria.objectives):
         return None
     return kinds.Stride(azimuth_stride=criteria.azimuth_stride, relative_error=error)
-
-
-def _zones(space: Space) -> list[kinds.Zone]:
-    def angles(zone: str, model: str = "") -> dict[str, tuple[float, float]]:
-        return {f"{angle}_deg": span for angle, span in space.spans(zone, model).items()}
-
-    zones = []
-    for zone in space.zones:
-        settings, own = space.settings.zones[zone.name], angles(zone.name)
-        models = {m: kinds.Angles(**angles(zone.name, m)) for m in settings.models or ()}
-        pairs = settings.mirrored or space.settings.symmetric
-        shape = {"name": zone.name, "polygon": zone.polygon, "z": zone.z}
-        zones.append(kinds.Zone(**shape, **own, models=models, mirrored=pairs))
-    return zones
 
 
 def _linear_share(problem: SearchProblem, findings: SearchFindings) -> float | None:
@@ -286,5 +272,5 @@ def _commands(problem: SearchProblem, findings: SearchFindings) -> list[kinds.Co
             view = command("view", str(scene.folder), "--placement", rig)
             lines["see what it sees in a frame of the log"] = view
     journal = shlex.quote(str(journal_path(folder)))
-    lines["look at all trials in a browser"] = f"optuna-dashboard {journal}"
+    lines["show all trials in a browser"] = f"optuna-dashboard {journal}"
     return [kinds.Command(what=purpose, line=line) for purpose, line in lines.items()]

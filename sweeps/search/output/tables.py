@@ -12,6 +12,7 @@ import pandas as pd
 from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 from optuna.trial import FrozenTrial, TrialState
 
+from lidarplace.base.number_text import number
 from sweeps.search.greedy.certificate import Certificate
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import MountedLidar, Rig
@@ -121,7 +122,7 @@ def _trial_run(trial: FrozenTrial, problem: SearchProblem) -> TrialRun:
     metrics = {o.name: v for o, v in zip(objectives, values, strict=True)}
     metrics |= {f"violation.{name}": v for name, v in assessment.violations.items()}
     params = {
-        name: f"{value:.6g}" if isinstance(value, float) else value
+        name: number(value) if isinstance(value, float) else value
         for name, value in rig_columns(rig).items()
     }
     assert trial.datetime_complete is not None

@@ -6,6 +6,7 @@ from typing import Any
 
 from rich.console import Console
 
+from lidarplace.base.number_text import number
 from lidarplace.command_line.terminal import print_warnings, table
 from lidarplace.mounting.counts import CountBound
 from lidarplace.mounting.random_rigs import outside
@@ -31,8 +32,8 @@ _TO_THE_LETTER = (
     "sky. expected_ig and covered_entropy reward what is seen."
 )
 _ONE_BY_ONE = (
-    "objective {name}: greedy choice, refinement and bound put rigs together of LiDARs that were "
-    "looked at one by one, and neglect that LiDARs hide each other by their size; {others}"
+    "objective {name}: greedy choice, refinement and bound evaluate LiDARs one by one, and ignore "
+    "that the housings of LiDARs hide objects from each other; {others}"
 )
 _TRIALS_KNOW = (
     "trials know it. So the bound holds, and the value of greedy choice may be above that of its "
@@ -166,7 +167,9 @@ def _print_rigs(
         assessment, values = assessed.assessment, assessed.all_values
         cells = [format_value(o, values[o.name]) if o.name in values else "" for o in objectives]
         broken = {c: " !" if assessment.violations[c] > 0 else "" for c in limits}
-        rows.append((name, *cells, *(f"{assessment.measures[c]:.3g}{broken[c]}" for c in limits)))
+        rows.append(
+            (name, *cells, *(f"{number(assessment.measures[c], 3)}{broken[c]}" for c in limits))
+        )
     head = ("placement", *(o.label for o in objectives), *limits)
     console.print(table(problem.file.name, head, rows))
 

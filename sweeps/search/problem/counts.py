@@ -61,7 +61,7 @@ def nearest_models(
         further: dict[tuple[int, ...], tuple[int, tuple[str, ...]]] = {}
         for before, (changes, models) in best.items():
             for model in slot.models:
-                after, cost = _plus(before, slot, model, bounds), changes + (model != wish)
+                after, cost = _plus(before, slot.size, model, bounds), changes + (model != wish)
                 if after is not None and (after not in further or cost < further[after][0]):
                     further[after] = cost, (*models, model)
         best = further
@@ -71,34 +71,38 @@ def nearest_models(
 
 def possible_counts(
     groups: Sequence[Group], bounds: Sequence[CountBound]
-) -> dict[CountsPerZone, list[tuple[int, ...]]]:
+) -> dict[CountsPerZone, Sums]:
     """Return counts of groups that can keep all bounds, with the sums that do."""
 
     @cache
-    def with_slots(before: Sums, number: int, count: int) -> Sums:
-        for slot in groups[number][count]:
-            sums = (_plus(s, slot, model, bounds) for s in before for model in slot.models)
-            before = frozenset(s for s in sums if s is not None)
+    def with_slots(before: Sums, kinds: tuple[tuple[int, tuple[str, ...]], ...]) -> Sums:
+        for size, models in kinds:
+            sums = (_plus(each, size, model, bounds) for each in before for model in models)
+            before = frozenset(each for each in sums if each is not None)
         return before
 
+    @cache
+    def kept(sums: Sums) -> Sums:
+        return frozenset(each for each in sums if _keep(each, bounds))
+
     counts: dict[CountsPerZone, Sums] = {(): frozenset([(0,) * len(bounds)])}
-    for number, group in enumerate(groups):
+    for group in groups:
+        kinds = {n: tuple((slot.size, slot.models) for slot in group[n]) for n in group}
         counts = {
-            (*before, count): sums
+            (*before, n): sums
             for before, sums_before in counts.items()
-            for count in group
-            if (sums := with_slots(sums_before, number, count))
+            for n, kinds_of_slots in kinds.items()
+            if (sums := with_slots(sums_before, kinds_of_slots))
         }
-    kept = {each: [s for s in sums if _keep(s, bounds)] for each, sums in counts.items()}
-    return {each: sums for each, sums in kept.items() if sums}
+    return {each: kept(sums) for each, sums in counts.items() if kept(sums)}
 
 
 def _plus(
-    before: tuple[int, ...], slot: MountSlot, model: str, bounds: Sequence[CountBound]
+    before: tuple[int, ...], size: int, model: str, bounds: Sequence[CountBound]
 ) -> tuple[int, ...] | None:
-    """Add a slot to the sums of bounds; None if one is exceeded."""
+    """Add so many LiDARs of a model to the sums of bounds; None if one is exceeded."""
     after = tuple(
-        number + (slot.size if bound.model in (None, model) else 0)
+        number + (size if bound.model in (None, model) else 0)
         for number, bound in zip(before, bounds, strict=True)
     )
     exceeds = any(n > bound.high for n, bound in zip(after, bounds, strict=True))

@@ -17,6 +17,7 @@ from lidarplace.configuration.mounting import carrier_of
 from lidarplace.configuration.placement import MountSettings, SweptPlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.vehicle import VehicleSettings
+from lidarplace.rig_files.mounts_yaml import as_written
 from sweeps.configuration.file import ConfigError, check, put
 from sweeps.configuration.grid import GridPoint, Sweep
 from sweeps.configuration.point import Point
@@ -50,14 +51,16 @@ class SearchConfig:
         return SweptPlacementSettings.model_validate({k: v for k, v in settings.items() if v})
 
     def placement_text(self, rig: Rig) -> str:
-        """Write a rig as a file for `lidarplace view` and others, metres and radians."""
+        """Write a rig as a file for `lidarplace view` and others, metres and radians.
+
+        LiDARs of the catalogue have their name alone."""
         settings = as_plain(self.placement_settings(rig))
         # Read by itself, the file has to say what the key `lidar` says here.
         lidar = self.file.lidar.model_dump(
-            mode="json", exclude_unset=True, include=set(SensorSettings.model_fields)
+            exclude_unset=True, include={*SensorSettings.model_fields}
         )
         for mount in settings["mounts"]:
-            mount.setdefault("lidar", deepcopy(lidar))  # one object would become a YAML anchor
+            mount["lidar"] = as_written(SensorSettings.model_validate(mount.get("lidar", lidar)))
         return yaml.safe_dump(settings, sort_keys=False)
 
     def _mounted(self, lidar: MountedLidar) -> MountSettings:

@@ -37,6 +37,7 @@ from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.counts import CountsPerZone, count_all, nearest_models, possible_counts
 from sweeps.search.problem.rig import MountedLidar, Rig, mirrored, ordered, rounded
 from sweeps.search.problem.slots import ANGLES, Assignment, MountSlot, Spans
+from tracking.run_folders import search_json
 
 NUMBER = "lidars"
 """Parameter for the number of LiDARs: of all zones together, or after the name of a zone."""
@@ -50,7 +51,7 @@ class Space:
     Attributes:
         groups: slots by their number, by zone, or by "" for all zones together.
         all_counts: numbers of LiDARs in the groups, fewest LiDARs first.
-        bounds: of zones, of models, of all LiDARs.
+        bounds: of zones and models that have any, of all LiDARs.
         sum_bounds: of all LiDARs, then of models.
 
     Raises ValueError: no zone is wide enough for symmetry, or no rig keeps all bounds, or there are
@@ -64,7 +65,7 @@ class Space:
         if settings.symmetric:
             _check_symmetry(self.zones)
         counts = settings.zone_counts if settings.by_zone else {"": settings.total}
-        total, zone_bounds, model_bounds = self._count_bounds(counts)
+        total, zone_bounds, model_bounds = self._count_bounds()
         self.sum_bounds = (total, *model_bounds)
         groups = [
             {n: self._group_slots(zone, n) for n in range(low, high + 1)}
@@ -76,9 +77,7 @@ class Space:
         self.bounds = (*zone_bounds, *model_bounds, total)
         self._completed: dict[object, bool] = {}
 
-    def _count_bounds(
-        self, counts: Mapping[str, tuple[int, int]]
-    ) -> tuple[CountBound, list[CountBound], list[CountBound]]:
+    def _count_bounds(self) -> tuple[CountBound, list[CountBound], list[CountBound]]:
         """Return the bounds of all LiDARs, of zones and of models.
 
         Raises InputError: a zone is too small for its least number."""
@@ -86,9 +85,9 @@ class Space:
         models = {name: model.count for name, model in self.settings.models.items() if model.count}
         total = CountBound("lidars", *self.settings.total)
         of_zones = [
-            CountBound(f"zones.{zone}.lidars", *count, zone=zone, size=zones[zone].size)
-            for zone, count in counts.items()
-            if zone
+            CountBound(f"zones.{name}.lidars", *zone.lidars, zone=name, size=zone.size)
+            for name, zone in zones.items()
+            if zone.lidars
         ]
         of_models = [CountBound(f"models.{m}.count", *n, model=m) for m, n in models.items()]
         room = {zone.name: most_in_zone(zone, distance) for zone in self.zones}
@@ -436,3 +435,19 @@ def fits(slot: MountSlot, zone: Zone, mount: Mount, model: str) -> bool:
 
 def _same(one: Mount, other: Mount) -> bool:
     return all(abs(a - b) < _OFF for a, b in zip(astuple(one), astuple(other), strict=True))
+
+
+def zones_of(space: Space) -> list[search_json.Zone]:
+    """Describe the zones of a search with their ranges of angles, also by model."""
+
+    def angles(zone: str, model: str = "") -> dict[str, tuple[float, float]]:
+        return {f"{angle}_deg": span for angle, span in space.spans(zone, model).items()}
+
+    zones = []
+    for zone in space.zones:
+        settings, own = space.settings.zones[zone.name], angles(zone.name)
+        models = {m: search_json.Angles(**angles(zone.name, m)) for m in settings.models or ()}
+        pairs = settings.mirrored or space.settings.symmetric
+        shape = {"name": zone.name, "polygon": zone.polygon, "z": zone.z}
+        zones.append(search_json.Zone(**shape, **own, models=models, mirrored=pairs))
+    return zones

@@ -52,7 +52,7 @@ def journal_storage(path: Path) -> BaseStorage:
         return JournalStorage(JournalFileBackend(str(path)))
     except Exception as error:  # what Optuna raises depends on what is wrong in a line
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        fix = "the trials in it are lost: remove it to search anew"
+        fix = "its trials cannot be recovered: remove it to search anew"
         raise InputError(f"cannot be read: {reason}", place=path, fix=fix) from None
 
 

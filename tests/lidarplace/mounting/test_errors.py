@@ -55,6 +55,14 @@ def test_all_rigs_of_a_vehicle_are_off_alike_and_vehicles_differ(one, two):
     assert (np.abs(off - other) > 1e-6).any(axis=1).all()
 
 
+def test_a_rig_is_drawn_anew_from_its_key_each_time():
+    line = PAPER_PLACEMENTS["line"]
+    for _ in range(2):  # the second time numbers are those of the first
+        for number, mount in enumerate(HALF_A_DEGREE.drawn(line, 3, 7).mounts):
+            random = np.random.default_rng((3, 7, number))
+            assert mount == HALF_A_DEGREE.displaced(line.mounts[number], random)
+
+
 @settings(max_examples=5)
 @given(MOUNTS)
 def test_errors_spread_alike_along_every_axis(mount):

@@ -72,7 +72,7 @@ def test_a_person_types_undoes_saves_and_reloads(page):
 
         tab.get_by_role("tab", name="File").click()
         tab.get_by_role("button", name="save", exact=True).click()
-        expect(tab.get_by_text("is there already")).to_be_visible()
+        expect(tab.get_by_text("exists; choose overwrite")).to_be_visible()
         assert read_rigs(studio.file.path).rigs == studio.file.rigs
         tab.get_by_role("button", name="overwrite").click()
         expect(tab.get_by_text("saved:")).to_be_visible()

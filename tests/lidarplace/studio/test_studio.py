@@ -180,7 +180,7 @@ def test_a_saved_file_is_the_same_rigs(tmp_path_factory, pose):
 def test_save_never_overwrites_unasked(studio):
     before = studio.file.path.read_text()
     studio.pose(0, x=0.7)
-    with pytest.raises(FileExistsError, match=r"rigs\.yaml: is there already"):
+    with pytest.raises(FileExistsError, match=r"rigs\.yaml: exists"):
         studio.save()
     assert studio.file.path.read_text() == before
     studio.save(overwrite=True)

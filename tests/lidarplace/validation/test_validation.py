@@ -34,7 +34,7 @@ from tests.other_simulator import write_log
 from tests.refused import refused
 from tests.sweeps.toy import call
 from tracking.validation.command import app
-from tracking.validation.page import warnings_of, with_world
+from tracking.validation.page import warnings_of, with_world, write_validation
 
 NAMES = ("up", "down")
 LIDAR = Lidar.even(beams=32, elevation_deg=(-25, 12), azimuth_steps=1200, range=150.0)
@@ -241,6 +241,9 @@ def test_few_tracks_give_one_number_and_no_decision(tmp_path):
     decision = decide(results)
     assert decision.answer == "no"
     assert "Too few tracks" in decision.why[0]
+    few = replace(results, scores=results.scores.query("by == 'all'"))  # no group of 20 objects
+    page = write_validation(tmp_path / "page.html", "few", few, decision)
+    assert "No: do not trust the simulator" in page.read_text(encoding="utf-8")
 
 
 def test_points_of_the_worst_objects_lie_over_each_other(results, real):

@@ -14,7 +14,7 @@ from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import equal_axes, xyz
 from tracking.figures.kit.style import OUTLINE, QUIET, TOLD, add_menu, figure, lidar_markers, text
 from tracking.figures.kit.vehicle_lines import add_lines, extent_of, posts, vehicle_in_space
-from tracking.run_folders.search_json import Rig, Zone
+from tracking.run_folders.search_json import Zone
 
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
 """Axes of a sensor, in colours that colour-blind readers can distinguish."""
@@ -39,11 +39,13 @@ class PicturedRig:
         return cls(tuple(mounts), tuple(words) or ("",) * len(mounts))
 
     @classmethod
-    def found(cls, rig: Rig) -> PicturedRig:
-        """Make a rig of a search's result, with its models and zones."""
-        pairs = zip(rig.models, rig.zones, strict=True)
+    def in_zones(
+        cls, mounts: Sequence[Mount], models: Sequence[str], zones: Sequence[str | None]
+    ) -> PicturedRig:
+        """Make a rig of a search, with the names of models and zones by mount."""
+        pairs = zip(models, zones, strict=True)
         words = [text(model) + (f", zone {text(zone)}" if zone else "") for model, zone in pairs]
-        return cls(rig.placed, tuple(words))
+        return cls(tuple(mounts), tuple(words))
 
 
 def rig_picture(

@@ -45,7 +45,7 @@ def write_decision(
     with_mounts = all(run.placements[name] for name in first.drawn)
     pictures = [picture_section(first), rigs_section(first)] if with_mounts else []
     parts = (*pictures[:1], recall, *pictures[1:], required, blind, short)
-    steps = [("mount the LiDARs as “Where the LiDARs sit” has them", "")] if answer.enough else []
+    steps = [("mount the LiDARs as in “Where the LiDARs sit”", "")] if answer.enough else []
     if answer.command:
         steps.append(("add the missing evidence; finished trials are reused", answer.command))
     if rigs.exists():

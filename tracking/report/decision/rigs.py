@@ -33,7 +33,7 @@ def picture_section(recommended: Recommendation) -> Section:
         name: PicturedRig.of(run.placements[name], [_model_words(m) for m in lidars.get(name, ())])
         for name in recommended.drawn
     }
-    note = f"The menu has the best rigs. {AXES_AND_POSTS}"
+    note = f"Choose one of the best rigs in the menu. {AXES_AND_POSTS}"
     return Section("The rigs", [note], [rig_picture(rigs, run.sweep.body)], place="picture")
 
 

@@ -65,8 +65,8 @@ def where_blind_section(recommended: Recommendation) -> Section | None:
     if not tables:
         return None
     note = (
-        "Percent of the objects, dark where few are found; n is how many there are. Cells of fewer "
-        f"than {_FEW} objects are pale and in brackets: too few to compare rigs by."
+        "Percent of the objects found; dark is few. n is the number of objects. Cells of fewer "
+        f"than {_FEW} objects are pale and in brackets: too few to compare rigs."
     )
     section = Section("Where they see, and where they are blind", [note], columns=2)
     for name in dict.fromkeys(one.object_class for one in tables):
@@ -108,7 +108,7 @@ def _behind(tables: list[_Binned], best: str) -> list[str]:
     lead, where, other = max(leads)
     cells = f"{tables[0].object_class}: where there are {_FEW} objects or more,"
     if not lead > 0:
-        return [f"{cells} {best} is behind none of these rigs."]
+        return [f"{cells} {best} is not behind any of these rigs."]
     return [f"{cells} {best} is furthest behind at {where}: {lead:.1f} points below {other}."]
 
 

@@ -78,15 +78,15 @@ def _notes(ranked: Sequence[_Ranked]) -> Iterator[str]:
             "the test objects (each route and each individual left out in turn, the larger error). "
             "Leads have intervals that hold for all pairs at once, because the best was chosen "
             "from the data; leads in AP are those of the area under precision over recall, which "
-            "AP_R40 samples. Other training traffic and other towns are in none of this."
+            "AP_R40 samples. Other training traffic and other towns are not included."
         )
     else:
         yield f"Means over seeds with 95 % intervals.{drawn}"
         yield (
             "The spread is pooled over the placements. Leads have intervals that hold for all "
-            "pairs at once, because the best was chosen from the data. All of this is about the "
-            "chance of training: the same scenes, and the same test frames. Other traffic may rank "
-            "them otherwise."
+            "pairs at once, because the best was chosen from the data. Intervals include only "
+            "the randomness of training, on the same scenes and test frames. Other traffic may "
+            "rank the placements differently."
         )
 
 

@@ -50,7 +50,7 @@ def ceilings_table(analysis: Analysis) -> list[Table]:
         numbers("ρ of two detectors", "agreement_of_detectors", ".2f"),
         numbers("ceiling by detectors", "ceiling_by_detectors", ".2f"),
     ]
-    caption = "The highest ρ that is to be expected of a surrogate, by what is noise"
+    caption = "Highest ρ to expect of a surrogate, by source of noise"
     return [Table.of(caption, pd.concat(headlines), columns, name="ceilings", data=ceilings)]
 
 

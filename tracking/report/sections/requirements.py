@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from lidarplace.requirements.tables import worst_cases
 from tracking.findings.groups import pictured, worst_requirements
-from tracking.pages.requirements import ALONE, counted, draw_failures, in_short, verdict_table
+from tracking.pages.requirements import ALONE, counted, draw_verdicts, in_short, verdict_table
 from tracking.pages.section import MOST_ROWS, Section, Table
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
@@ -53,6 +53,6 @@ def rigs_requirements_section(
 def _draw(section: Section, run: RunFolder, order: Sequence[str]) -> None:
     """Draw what placements fail, in their order, at the setting that is pictured."""
     worst = worst_requirements(run, run.sweep.pictured)
-    draw_failures(section, worst, "placement", order, run.placements, run.grounds)
+    draw_verdicts(section, worst, "placement", order, run.placements, run.grounds)
     if section.figures and pictured(run):
         section.notes.append(f"Pictures are {pictured(run)}.")

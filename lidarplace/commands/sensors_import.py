@@ -1,0 +1,120 @@
+"""A LiDAR of the file of its maker: `lidarplace sensors import FILE`."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+import yaml
+
+from lidarplace.command_line.terminal import output, say, table
+from lidarplace.command_line.verbs import checked_input
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.settings import validated
+from lidarplace.files.atomic import write_text
+from lidarplace.rig_files.maker_files import MakerFile, read_maker_file
+from lidarplace.rig_files.mounts_yaml import as_written
+from lidarplace.rigs.catalogue.datasheet import FRAMES_PER_S, Datasheet, catalogue, datasheet
+
+ALIKE_DEGREES = 1.0  # beams of the nearest entry differ by less in the median, or it is another one
+DIGITS = 3
+TEXT_WIDTH = 100
+
+
+def import_(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="Ouster's metadata (.json), Velodyne's calibration (.yaml, .xml) or Hesai's angle "
+            "correction (.csv)"
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="write the `lidar:` block to this file, not to the terminal")
+    ] = None,
+    like: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="entry of the catalogue for what the file does not say; by default the one with "
+            "the nearest beams",
+            autocompletion=lambda: list(catalogue()),
+        ),
+    ] = None,
+) -> None:
+    """Read a LiDAR from its maker's file, and compare it with the nearest one of the catalogue."""
+    with checked_input():
+        made = read_maker_file(file)
+        sheet = nearest(made) if like is None else datasheet(like)
+        known = sheet if like is not None or _apart(made, sheet) < ALIKE_DEGREES else None
+        model = validated(SensorSettings, _keys(made, known), str(file))
+        content = {"lidar": as_written(model)}
+        text = yaml.safe_dump(
+            content, sort_keys=False, default_flow_style=None, width=TEXT_WIDTH
+        ).rstrip()
+        if out is not None:
+            write_text(out, f"{text}\n")
+    output().print(table(None, (file.name, "file", sheet.name), _rows(made, sheet)))
+    for part in made.left_out:
+        say(f"left out: {part}")
+    if known is None:
+        missing = "range" if made.azimuth_steps else "range and azimuth_steps"
+        say(f"{sheet.name} is the nearest of the catalogue, but another LiDAR: add {missing}")
+    if made.azimuth_steps is None and known is not None:
+        say(f"azimuth steps and ranges are those of {sheet.name}")
+    say(out if out is not None else text)
+
+
+def nearest(made: MakerFile) -> Datasheet:
+    """Return the entry whose beams differ least, those with as many beams first."""
+    sheets = [sheet for sheet in catalogue().values() if sheet.elevations_deg]
+    beams = len(made.elevations_deg)
+    return min(
+        sheets, key=lambda sheet: (abs(len(sheet.elevations_deg) - beams), _apart(made, sheet))
+    )
+
+
+def _apart(made: MakerFile, sheet: Datasheet) -> float:
+    """Return the median difference of elevations, degrees; infinite for other numbers of beams."""
+    if len(sheet.elevations_deg) != len(made.elevations_deg):
+        return np.inf
+    return float(np.median(np.abs(made.elevations_deg - np.array(sheet.elevations_deg))))
+
+
+def _keys(made: MakerFile, sheet: Datasheet | None) -> dict[str, Any]:
+    keys: dict[str, Any] = {} if sheet is None else {"name": sheet.name}
+    keys["elevations_deg"] = made.elevations_deg.round(DIGITS).tolist()
+    if np.ptp(made.azimuth_offsets_deg) or made.azimuth_offsets_deg.any():
+        keys["azimuth_offsets_deg"] = made.azimuth_offsets_deg.round(DIGITS).tolist()
+    if made.offsets_m is not None:
+        keys["offsets_m"] = made.offsets_m.round(DIGITS + 1).tolist()
+    for name in ("azimuth_steps", "azimuth_deg"):
+        if (value := getattr(made, name)) is not None:
+            keys[name] = value
+    return keys
+
+
+def _rows(made: MakerFile, sheet: Datasheet) -> Iterator[tuple[str, str, str]]:
+    stated = np.array(sheet.elevations_deg)
+    yield "model", made.model or "–", f"{sheet.maker} {sheet.model}"
+    yield "beams", str(len(made.elevations_deg)), str(len(stated))
+    yield "elevation, degrees", _ends(made.elevations_deg), _ends(stated)
+    if len(stated) == len(made.elevations_deg):
+        apart = np.abs(made.elevations_deg - stated)
+        yield "difference, degrees", f"{np.median(apart):.3f}, at most {apart.max():.3f}", ""
+    yield "azimuth offsets, degrees", _ends(made.azimuth_offsets_deg), "–"
+    offsets, of_sheet = made.offsets_m, sheet.offsets_m
+    yield (
+        "laser offsets, m",
+        "–" if offsets is None else _ends(offsets),
+        "–" if of_sheet is None else _ends(np.array(of_sheet)),
+    )
+    steps = "–" if made.azimuth_steps is None else f"{made.azimuth_steps:,}"
+    yield "azimuth steps", steps, f"{sheet.azimuth_steps:,}"
+    yield "rate, Hz", "–" if made.rate_hz is None else f"{made.rate_hz:g}", str(FRAMES_PER_S)
+    yield "range, m", "–", f"{sheet.range:g}"
+
+
+def _ends(values: Any) -> str:
+    return f"{values.min():.2f} to {values.max():.2f}"
