@@ -147,7 +147,7 @@ class SweepWork:
         for path in (*(folder / "tables").glob("*.csv"), *(folder / "figures").glob("*.png")):
             log.artifact(path, path.parent.name)
         _print_summary(self.console, analysis)
-        self.answer += analysis.headline
+        self.answer.extend(analysis.headline)
         return report
 
 
