@@ -1,4 +1,4 @@
-"""All that a GPU is for, in one command of five minutes, without Ray and without a network.
+"""All that a GPU is for, in one command, without Ray and without a network.
 
     python benchmarks/gpu.py [--out build/gpu] [--only SECTION …] [--minutes 5]
     OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 python benchmarks/gpu.py --device cpu --preset tiny
@@ -15,7 +15,8 @@ Prints Markdown tables, and writes them and all numbers, as JSON, into a folder.
   threads, in processes; and what grouping them by `vmap` would bring at best
 - openpcdet: its networks, as the section networks, where its package `pcdet` can be imported
 
-Each network runs in a process of its own. A section that fails does not stop the others.
+No measurement begins after `--minutes`. Each network runs in a process of its own. A section that
+fails does not stop the others.
 """
 
 from __future__ import annotations

@@ -3,7 +3,9 @@
 Parts, windows and planes are prepared on the CPU, for all frames in one call, and the points stay
 on the device. They are those of the CPU, but for rays within rounding of an edge: exponentials and
 logarithms differ in the last bit. Static worlds are cast on the CPU: a ray follows their columns,
-blocks and cells, as far as it gets, which a program for many rays at once is badly suited to."""
+the blocks of a column and the cells of a block. The lanes of a Triton program share their loops,
+so each of these three would last as long as its slowest ray, and the kernel would be a second
+source of `lidarplace.clouds.static_world`."""
 
 from __future__ import annotations
 
@@ -13,6 +15,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import groupby
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -23,7 +26,6 @@ from lidarplace.clouds.clouds import CloudFrames, JoinedClouds, grid_step
 from lidarplace.clouds.collect import Scene, SimulatedClouds
 from lidarplace.clouds.droplets import drop_reflectivity, sight_of_drops
 from lidarplace.clouds.ground import CELL_M
-from lidarplace.clouds.hashed import key_of
 from lidarplace.clouds.raycast import Beams, Surfaces, beams_of
 from lidarplace.clouds.returns import ATTENUATION_PER_M
 from lidarplace.clouds.seen_parts import SEEN_COLUMNS, Views, fill_seen
@@ -108,6 +110,15 @@ class _Rig:
     corrections: list[Lidar]
 
 
+class _BeamRows(NamedTuple):
+    """First rows of the angles and the mask of a LiDAR, and its lowest and highest elevation."""
+
+    elevations: int
+    azimuths: int
+    mask: int
+    limits: tuple[float, float]
+
+
 @dataclass
 class _Tables:
     """Tables of the kernel that several views share, and the rigs that use them."""
@@ -117,7 +128,7 @@ class _Tables:
     _ends: list[Table] = field(default_factory=lambda: [np.zeros(1)])
     _masks: list[Table] = field(default_factory=lambda: [np.ones(1)])
     factors: list[Table] = field(default_factory=lambda: [np.ones(1)])
-    _beams: dict[Lidar, tuple[int, int, int]] = field(default_factory=dict)
+    _beams: dict[Lidar, _BeamRows] = field(default_factory=dict)
     _rig: tuple[Placement, _Rig] | None = None
 
     def rig(self, scene: Scene, clouds: SimulatedClouds) -> _Rig:
@@ -144,24 +155,26 @@ class _Tables:
                 rows = self._rows(block, beams)
                 first = -1 if first_end < 0 else first_end + of_block.start
                 steps = beams.azimuths.shape[2]
-                shape = (0, block.rays, steps, own, *rows[:2], 0, 0, first, rows[2])
+                angles = own, rows.elevations, rows.azimuths
+                shape = (0, block.rays, steps, *angles, 0, 0, first, rows.mask)
                 integers.append((*shape, 0, 0, 0, of_block.start, lidar.rays, 0))
                 reach.append(beams.reach)
-                regions.append(clouds.region(lift))
-                elevations.append((beams.elevations[:, 0].min(), beams.elevations[:, 0].max()))
+                regions.append(clouds.regions[m])
+                elevations.append(rows.limits)
                 owners.append(m)
         lists = (np.array(numbers), np.array(integers, np.int64), np.array(reach))
         views = np.array(regions), np.array(elevations), np.array(owners, np.int64)
         return _Rig(*lists, *views, [scene.rig.lidars[m] for m in owners])
 
-    def _rows(self, lidar: Lidar, beams: Beams) -> tuple[int, int, int]:
-        """Return the first rows of elevations, azimuths and mask of a LiDAR."""
+    def _rows(self, lidar: Lidar, beams: Beams) -> _BeamRows:
+        """Return the rows of a LiDAR, appended if it is new."""
         if lidar not in self._beams:
             angles = np.atleast_2d(lidar.azimuths()).reshape(-1)
             directions = beams.azimuths.transpose(0, 2, 1).reshape(-1, 2)
             azimuths = np.column_stack([angles, directions])
             first = _append(self._elevations, beams.elevations), _append(self._azimuths, azimuths)
-            self._beams[lidar] = (*first, _append(self._masks, beams.mask))
+            limits = beams.elevations[:, 0].min(), beams.elevations[:, 0].max()
+            self._beams[lidar] = _BeamRows(*first, _append(self._masks, beams.mask), limits)
         return self._beams[lidar]
 
 
@@ -177,14 +190,13 @@ def _numbers(
     mount: Mount, lidar: Lidar, beams: Beams, lift: float, clouds: SimulatedClouds
 ) -> list[float]:
     """Return the numbers of a view, without those of the frame."""
-    height = float(mount.position[2])
     drops = [0.0, 0.0, 0.0]
     if lidar.extinction > 0.0:
         drops = [lidar.extinction, sight_of_drops(lidar), drop_reflectivity(lidar.extinction)]
     return [
-        *mount.position.tolist(),
+        *(mount.x, mount.y, mount.z),
         *mount.rotation.ravel().tolist(),
-        height if height > 0.0 else math.nan,
+        mount.z if mount.z > 0.0 else math.nan,
         1.0 / beams.reach * (1.0 - 4e-16),
         *(beams.nearest, beams.sight_10, beams.falloff, beams.fading, beams.loss),
         *(lift, lidar.range_noise, lidar.drop_off),
@@ -215,11 +227,8 @@ def _see(
     number = [len(scene.parts) for scene in scenes]
     last = np.cumsum(number)
     views = [len(rig.reach) for rig in rigs]
-    keys = [
-        key_of(clouds.seed, int(clouds.frames[index]), m)
-        for index, rig in zip(batch, rigs, strict=True)
-        for m in rig.lidars.tolist()
-    ]
+    lidars = [(index, m) for index, rig in zip(batch, rigs, strict=True) for m in rig.lidars]
+    seed, frames = clouds.seed % 2**64, clouds.frames.view(np.uint64).tolist()
     numbers = np.concatenate([rig.numbers for rig in rigs])
     arguments = Views(
         origins=numbers[:, :3].copy(),
@@ -227,7 +236,7 @@ def _see(
         reach=np.concatenate([rig.reach for rig in rigs]),
         regions=np.concatenate([rig.regions for rig in rigs]),
         elevations=np.concatenate([rig.elevations for rig in rigs]),
-        keys=np.array(keys),
+        keys=np.array([(seed, frames[index], m) for index, m in lidars], np.uint64),
         parts=np.repeat(np.column_stack([last - number, last]), views, axis=0),
     )
     surfaces = Surfaces(
@@ -236,7 +245,7 @@ def _see(
         np.concatenate([scene.parts.reflectivity for scene in scenes]),
     )
     seen = np.empty((max(1, int(np.dot(number, views))), SEEN_COLUMNS))
-    rows, streams = np.empty((len(keys), 2), np.int64), np.empty(len(keys), np.uint64)
+    rows, streams = np.empty((len(lidars), 2), np.int64), np.empty(len(lidars), np.uint64)
     count = fill_seen(arguments, surfaces, seen, rows, streams)
     integers[:, _FIRST_SEEN : _FIRST_SEEN + 2] = rows
     integers[:, _STREAM] = streams.view(np.int64)

@@ -88,9 +88,9 @@ def _check_free_memory() -> None:
     free, total = torch.cuda.mem_get_info()
     free += torch.cuda.memory_reserved()  # by this process
     if free < _FREE_BYTES:
-        found = f"{free / 1e9:.1f} of {total / 1e9:.0f} GB"
+        amount = f"{free / 1e9:.1f} of {total / 1e9:.0f} GB"
         expected = f"{_FREE_BYTES / 1e9:.1f} GB"
-        raise InputError(_FULL, place="GPU", expected=expected, found=found, fix=_END_OTHERS)
+        raise InputError(_FULL, place="GPU", expected=expected, found=amount, fix=_END_OTHERS)
 
 
 def _run_kernels() -> None:
@@ -106,8 +106,8 @@ def _explained(error: Exception) -> str:
     text = " ".join(str(error).split())
     for part, problem, versions, fix in _CAUSES:
         if part in text:
-            expected, found = versions()
-            return str(InputError(problem, place="GPU", expected=expected, found=found, fix=fix))
+            needed, present = versions()
+            return str(InputError(problem, place="GPU", expected=needed, found=present, fix=fix))
     problem = f"{type(error).__name__}: {text.replace(_UNHELPFUL, ':')[:200]}"
     return str(InputError(problem, place="GPU", fix="see nvidia-smi"))
 
@@ -132,7 +132,7 @@ _UNHELPFUL = (
 _FULL = "too little free memory"
 _END_OTHERS = "end other processes, which nvidia-smi lists"
 _OTHER_TORCH = "`make clean && make setup TORCH_BACKEND=auto`"
-# Part of an error's text, the problem, versions that are expected and found, and what to do.
+# Part of an error's text, the problem, versions that are needed and present, and what to do.
 _CAUSES: tuple[tuple[str, str, Callable[[], tuple[str, str]], str], ...] = (
     ("no NVIDIA driver", "no driver", _drivers, "install it, or start Docker with --gpus all"),
     ("driver on your system is too old", "driver too old", _drivers,
@@ -151,13 +151,14 @@ def cpu_has_bfloat16() -> bool:
 
 
 def half_type(
-    place: torch.device, wanted: bool | str, predicting: bool = False
+    place: torch.device, mixed_precision: bool | str, predicting: bool = False
 ) -> torch.dtype | None:
     """Choose the 16-bit floats of networks on a device; None: 32-bit floats.
 
     bfloat16 where the hardware has it; on an older GPU float16, on an older CPU none, which is
-    logged. `wanted`: `mixed_precision` of the settings."""
-    if not wanted or (wanted != "everywhere" and (predicting or place.type == "cpu")):
+    logged. `mixed_precision`: of the settings."""
+    everywhere = mixed_precision == "everywhere"
+    if not mixed_precision or (not everywhere and (predicting or place.type == "cpu")):
         return None
     if place.type == "cpu":
         if cpu_has_bfloat16():

@@ -112,5 +112,5 @@ def _optimizer(model: Detector, settings: TrainingSettings) -> torch.optim.Optim
         return torch.optim.SGD(weights, lr, settings.momentum, weight_decay=decay)
     # AdamW's decay is fastai's "true weight decay"; 0.99 is OpenPCDet's second coefficient.
     return torch.optim.AdamW(
-        weights, lr, betas=(settings.moms[0], 0.99), weight_decay=decay, foreach=True
+        weights, lr, betas=(settings.moms[0], 0.99), weight_decay=decay, fused=True
     )

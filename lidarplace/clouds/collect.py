@@ -105,7 +105,8 @@ class SimulatedClouds:
     Attributes:
         frames: frame numbers, shape (F,), int64.
         crop, seed: as of `collect`.
-        lifts: height by which the points of each LiDAR are raised before the cut, metres."""
+        lifts: height by which the points of each LiDAR are raised before the cut, metres.
+        regions: from which points of each LiDAR may err into the crop, without its lift."""
 
     def __init__(
         self,
@@ -136,10 +137,11 @@ class SimulatedClouds:
         self.lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
         # A point may err into the crop from outside, so what is cast is a little larger.
         slack = LARGEST_ERROR * max(lidar.range_noise for lidar in lidars)
-        self._low, self._high = np.array(crop[:3]) - slack, np.array(crop[3:]) + slack
+        low, high = np.array(crop[:3]) - slack, np.array(crop[3:]) + slack
+        self.regions = [(*(low - [0, 0, z]), *(high - [0, 0, z])) for z in self.lifts]
         # A building matters if it can stand before a point of the crop: as seen from above, neither
         # farther than the crop's farthest corner nor than the sensor itself.
-        corners = np.maximum(np.abs(self._low), np.abs(self._high))
+        corners = np.maximum(np.abs(low), np.abs(high))
         away = max(math.hypot(mount.x, mount.y) for mount in mounts) + math.sqrt(2) * errors.offset
         longest = max(lidar.range for lidar in lidars)
         self._reach = min(max(math.hypot(*corners[:2]), away), longest + slack + away)
@@ -176,10 +178,6 @@ class SimulatedClouds:
         classes = self._surroundings.classes(frame) if corrected else []
         return Scene(rig, ends, parts, ground, world, classes)
 
-    def region(self, lift: float) -> tuple[float, ...]:
-        """Return the region from which points may err into the crop, without the `lift`."""
-        return (*(self._low - [0, 0, lift]), *(self._high - [0, 0, lift]))
-
     def has_static_world(self) -> bool:
         """Test if any scene of the log has a static world."""
         return bool(self._surroundings.worlds.origins.size)
@@ -199,7 +197,7 @@ class SimulatedClouds:
         views = zip(rig.mounts, rig.lidars, self.lifts, scene.ends, strict=True)
         for m, (mount, lidar, lift, rig_ends) in enumerate(views):
             into = self._hits.get(lidar.rays)
-            surroundings = scene.parts, scene.world, self.region(lift)
+            surroundings = scene.parts, scene.world, self.regions[m]
             hits = cast_in_world(mount, lidar, *surroundings, into, rig_ends)
             self._hits[lidar.rays] = hits
             free, key = self._points[counts.sum() :], (self.seed, frame, m)

@@ -20,8 +20,8 @@ def count_points(points: ArrayLike, boxes: ArrayLike) -> NDArray[np.int64]:
     """Return the number of points (N, 3 or more) in each of `boxes` (M, 7), shape (M,).
 
     Both are in one frame, metres and radians. A point on the surface is inside."""
-    of_none, own = np.empty(0, np.int64), np.require(boxes, np.float64, ["C", "W"])
-    return _count(np.ascontiguousarray(points), own, 0.0, of_none)
+    of_none, geometry = np.empty(0, np.int64), np.require(boxes, np.float64, ["C", "W"])
+    return _count(np.ascontiguousarray(points), geometry, 0.0, of_none)
 
 
 def count_points_per_object(boxes: pd.DataFrame, clouds: Clouds) -> pd.DataFrame:

@@ -72,7 +72,7 @@ class Surroundings:
             where, found = f"frames: frame {numbers[bad.argmax()]}", poses[bad.argmax()].tolist()
             raise InputError(place=where, expected=expected, found=found)
         rows = zip(numbers, scenes, poses, finite, strict=True)
-        return {n: (scene, pose) for n, scene, pose, known in rows if known}
+        return {n: (scene, pose) for n, scene, pose, is_finite in rows if is_finite}
 
     def rows(self, frame: int) -> NDArray[np.int64]:
         """Return the rows of the log's boxes in this frame, in their order."""

@@ -52,8 +52,13 @@ class MountingErrors:
     def _moved(self, mount: Mount, shift: Sequence[float], turn: NDArray[np.float64]) -> Mount:
         roll, pitch, yaw = mount.roll, mount.pitch, mount.yaw
         if self.angle:  # without it the angles stay: others may mean the same rotation
-            roll, pitch, yaw = angles(turn @ mount.rotation)
+            roll, pitch, yaw = angles(turn @ _rotation(mount))
         return Mount(mount.x + shift[0], mount.y + shift[1], mount.z + shift[2], roll, pitch, yaw)
+
+
+@lru_cache(maxsize=64)
+def _rotation(mount: Mount) -> NDArray[np.float64]:
+    return mount.rotation
 
 
 @lru_cache(maxsize=1 << 15)

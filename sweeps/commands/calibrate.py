@@ -17,7 +17,9 @@ from sweeps import options
 if TYPE_CHECKING:
     import pandas as pd
 
+    from lidarplace.recall.detection_curve import DetectionCurve
     from sweeps.evaluation.request import DetectionOptions
+    from tracking.pages.section import Section
 
 app = new_app()
 
@@ -55,11 +57,8 @@ def calibrate(
 
     Trains nothing: trials without detections are skipped. Rigs, routes and objects are held out of
     the fit in turn, and predicted."""
-    from lidarplace.recall.detection_curve import write_curves
     from sweeps.calibration.checks_section import checks_section
-    from sweeps.calibration.curves_section import curves_section
     from sweeps.calibration.left_out import check
-    from tracking.pages.html_page import SECTIONS_ALONE, write_page
 
     if (config is None) == (log is None) or (log is None and (rig or geometry or vehicle)):
         wrong("name the file of a sweep, or --log with --rig and --geometry")
@@ -83,15 +82,22 @@ def calibrate(
         words = {part.head[i] for i in part.words}
         output().print(table(part.caption, part.head, part.rows, words))
     say("\n".join(section.notes))
-    if out is None:
-        return
-    with checked_input():
-        curves = [check.curve for check in checks]
-        write_curves(out, called(), curves)
-        sections = [curves_section(curves, seen), section]
-        page = write_page(out.with_suffix(".html"), SECTIONS_ALONE, sections, name=out.stem)
+    if out is not None:
+        with checked_input():
+            _write(out, [check.curve for check in checks], seen, section)
+
+
+def _write(out: Path, curves: list[DetectionCurve], seen: pd.DataFrame, checked: Section) -> None:
+    """Write the file of the curves and its page, and print how a sweep uses them."""
+    from lidarplace.recall.detection_curve import write_curves
+    from sweeps.calibration.curves_section import curves_section
+    from tracking.pages.html_page import SECTIONS_ALONE, write_page
+
+    write_curves(out, called(), curves)
+    sections = [curves_section(curves, seen), checked]
+    page = write_page(out.with_suffix(".html"), SECTIONS_ALONE, sections, name=out.stem)
     use = command("run", "sweep.yaml", "--set", f"surrogate.curves={out}")
-    say(f"{out}: {len(checks)} curves, for a sweep: {use}\n{page}")
+    say(f"{out}: {len(curves)} curves, for a sweep: {use}\n{page}")
 
 
 def _of_sweep(config: Path, overrides: list[str], classes: list[str]) -> pd.DataFrame:

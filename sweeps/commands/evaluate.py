@@ -24,6 +24,7 @@ app = new_app()
 
 REPORTED = ("AP_R40_3D", "AP_R40_BEV", "class_recall_3D", "recall")
 """Metrics in the terminal, at the strict IoU of a class."""
+_COLUMNS = ["placement", "class", "metric", "iou", "ground_truths", "mean", "low", "high"]
 
 
 @verb(
@@ -92,8 +93,7 @@ def evaluate(
     for caution in request.cautions:
         say(f"warning: {caution}", sys.stderr)
     if as_json:
-        names = ["placement", "class", "metric", "iou", "ground_truths", "mean", "low", "high"]
-        rows = means[names].astype(object)
+        rows = means[_COLUMNS].astype(object)
         print_json(rows.where(rows.notna(), None).to_dict("records"))
         return
     say("\n".join(request.notes))

@@ -65,14 +65,14 @@ def packages(extra: str | None, needed: bool) -> CheckResult:
     """Check the packages of an extra of this project, or those of every installation."""
     missing: State = "missing" if needed else "optional"
     try:
-        wanted = _requirements(extra)
+        requirements = _requirements(extra)
     except PackageNotFoundError:
         return CheckResult("this project is not installed", missing, "make setup")
-    if not wanted:
+    if not requirements:
         problem = "this project was installed before it had a use for it"
         return CheckResult(problem, missing, _install(["--editable", f".[{extra}]"]))
     faults, versions = {}, []
-    for requirement in wanted:
+    for requirement in requirements:
         try:
             installed = version(requirement.name)
         except PackageNotFoundError:

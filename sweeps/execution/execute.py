@@ -95,7 +95,7 @@ class _Execution:
     halvings: Counter[str] = field(default_factory=Counter)
 
     def hand_out(self) -> None:
-        """Start tasks while the backend takes some; without tasks it is not asked."""
+        """Start tasks while the backend takes some; without tasks it does not start."""
         while not self.running or len(self.running) < self.backend.slots:
             if (task := self.schedule.next(gpu=self._has_room())) is None:
                 return

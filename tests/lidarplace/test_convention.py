@@ -203,7 +203,7 @@ def test_a_quaternion_must_be_one_and_a_direction_not_zero(tmp_path):
     assert log.boxes["yaw"].iloc[0] == pytest.approx(2 * math.atan2(0.247404, 1.005 * 0.968912))
     table.loc[3, "qw"] = 0.8
     table.to_csv(tmp_path / "a.csv", index=False)
-    with pytest.raises(InputError, match=r"row 3: .*expected length 1 within 1%"):
+    with pytest.raises(InputError, match=r"row 3: .*expected length 1 within 1 %"):
         read_label_table(tmp_path / "a.csv", TableMapping.model_validate(mapping), Counter())
     mapping["columns"].pop("quaternion")
     mapping["columns"]["direction"] = {"x": "qx", "y": "qy"}

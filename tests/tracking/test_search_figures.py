@@ -1,5 +1,7 @@
 """Numbers that the figures of a search plot."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
@@ -7,8 +9,10 @@ import pytest
 
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.requirements.recall_ground import RecallGround
 from lidarplace.rigs.placement import Mount
-from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
+from tracking.figures.kit.grounds import ground_note
+from tracking.figures.kit.rig_picture import PicturedRig, label_places, rig_picture
 from tracking.figures.of_searches import pareto_fronts, robustness_figure, search_history, unseen
 from tracking.run_folders.search_json import Objective, Rig, Zone
 from tracking.search_report.cautions import at_the_edge
@@ -77,17 +81,53 @@ def test_the_menu_shows_one_rig_and_its_axes_turn_with_it():
     assert list(buttons[0].args[0]["visible"]) == [t.visible for t in plot.data]
     visible = [button.args[0]["visible"] for button in buttons]
     traces = [[t for t, on in zip(plot.data, flags, strict=True) if on] for flags in visible]
-    assert [len(next(t for t in flags if t.name == "LiDAR").x) for flags in traces] == [1, 2]
+    assert [
+        len(next(t for t in flags if t.name and t.name.startswith("LiDAR")).x) for flags in traces
+    ] == [1, 2]
     assert all(any(t.name == "zones" for t in flags) for flags in traces)
     low, high = plot.layout.scene.zaxis.range
     assert low < 1.5
     assert high > 3  # the rig that is not shown fits as well
 
 
+def test_numbers_of_lidars_in_a_stack_are_apart_in_the_first_view():
+    stack = np.array([[0.0, 0.0, 2.4 + 0.02 * i] for i in range(4)] + [[0.7, 0.6, 2.4]])
+    places = label_places(stack, 0.4)
+    eye = np.array([0.72, 0.58, 0.6])
+    along = eye / np.linalg.norm(eye)
+    seen = places - np.outer(places @ along, along)
+    apart = np.linalg.norm(seen[:, None] - seen[None], axis=2) + 9 * np.eye(len(stack))
+    assert apart.min() > 0.39
+    np.testing.assert_allclose((places - stack) @ along, 3 * 0.4, atol=1e-9)
+
+
+def test_a_known_ground_has_an_entry_with_its_worst_lidar_dead():
+    built = np.full((3, 2), 0.8)
+    built[1, 0] = np.nan
+    x, y = np.array([-1.0, 0.0, 1.0]), np.array([-1.0, 1.0])
+    ground = RecallGround("Car", x, y, built, built - 0.3, dead=1)
+    pair = PicturedRig.of([Mount(z=2.0), Mount(y=0.5, z=2.0)], ["a, 16 beams", "b, 32 beams"])
+    rigs = {"best": replace(pair, ground=ground), "other": pair}
+    plot = rig_picture(rigs, None)
+    labels = [button.label for button in plot.layout.updatemenus[0].buttons]
+    assert labels == ["best", "best, LiDAR 2 dead", "other"]
+    grounds = [np.array(t.surfacecolor) for t in plot.data if t.type == "surface"]
+    assert [float(cells.max()) for cells in grounds] == pytest.approx([0.8, 0.5])
+    assert not np.isnan(grounds[0]).any()
+    numbers = [
+        list(t.text)
+        for t in plot.data
+        if t.type == "scatter3d" and t.mode == "text" and " m" not in t.text[0]
+    ]
+    assert numbers == [["1 a", "2 b"], ["1 a", "2 b dead"], ["1 a", "2 b"]]
+    assert "best 80.0 % (50.0 % with LiDAR 2 dead)" in ground_note(rigs)
+    assert ground_note({"other": pair}) == ""
+
+
 def test_rings_on_the_ground_are_the_scale():
     plot = rig_picture({"a": PicturedRig.of([Mount(z=2.0)])}, None)
     in_space = [trace for trace in plot.data if trace.type == "scatter3d"]
-    (labels,) = (trace for trace in in_space if trace.mode == "text")
+    labels = next(trace for trace in in_space if trace.mode == "text")
     of_lines = [t for t in in_space if t.mode == "lines" and len(t.z)]
     lines = next(t for t in of_lines if not np.nan_to_num(t.z).any())
     middle = (np.nanmax(lines.x) + np.nanmin(lines.x)) / 2

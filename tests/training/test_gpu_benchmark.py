@@ -36,6 +36,13 @@ def test_grouped_networks_have_the_losses_and_gradients_of_single_ones(one_threa
             torch.testing.assert_close(gradients[name][index], weight.grad, rtol=1e-4, atol=1e-6)
 
 
+def test_rates_of_trainings(one_thread):
+    row = import_module("gpu_many").measure_trainings(1, "cpu", 0.01)
+    assert row["trainings"] == 1
+    assert len(row) == 5
+    assert min(row.values()) > 0
+
+
 @pytest.fixture
 def gpu(monkeypatch):
     """The command, whose networks do one step, in this process."""

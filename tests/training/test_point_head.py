@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 
+from training.detectors.heads.losses import focal_loss
 from training.detectors.heads.point_head import (
     PointHeadBox,
     PointOutput,
@@ -66,6 +67,17 @@ def test_segmentation_loss_by_hand():
     background = segmentation_loss(logits, torch.zeros_like(labels))
     assert background.item() == pytest.approx(10 * other)
     assert segmentation_loss(logits[:0], labels[:0]) == 0
+
+
+def test_gradient_of_the_focal_loss():
+    torch.manual_seed(0)
+    logits = (4 * torch.randn(6, 3, dtype=torch.float64)).requires_grad_()
+    targets, weight = torch.rand(6, 3) < 0.3, torch.rand(6, dtype=torch.float64)
+    assert targets.any()
+    assert torch.autograd.gradcheck(lambda item: focal_loss(item, targets, weight), logits)
+    lost = focal_loss(torch.tensor([[300.0, -300.0]]), torch.tensor([[False, True]]), torch.ones(1))
+    assert lost.item() == pytest.approx(0.75 * 300 + 0.25 * 300)
+    assert focal_loss(torch.tensor([[math.nan]]), torch.tensor([[True]]), torch.ones(1)).isnan()
 
 
 def test_box_loss_by_hand():

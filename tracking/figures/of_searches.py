@@ -28,12 +28,13 @@ def search_history(
     objective: Objective,
     bound: float | None,
     greedy: float | None,
-    paper: Mapping[str, float],
+    peers: Mapping[str, float],
+    kind: str = "paper",
 ) -> go.Figure:
     """Draw a mark a trial, the best feasible value so far as a line, peers as level lines.
 
     All values are as the search computes them; `trials` were evaluated and are sorted by number,
-    `paper` has values of the paper's eight, the best first."""
+    `peers` has values of the rigs to compare with, the best first; `kind` names them."""
     plot = figure(text(objective.name), height=440)
     value = trials[f"value.{objective.name}"].to_numpy(np.float64)
     feasible = trials["feasible"].to_numpy(bool)
@@ -69,11 +70,11 @@ def search_history(
         _level(plot, ends, bound, "upper bound", _BOUND)
     if greedy is not None:
         _level(plot, ends, greedy, "greedy", _GREEDY)
-    for i, (name, level) in enumerate(paper.items()):
+    for i, (name, level) in enumerate(peers.items()):
         if i == 0:
-            _level(plot, ends, level, f"{name}, best of the paper", _PAPER)
+            _level(plot, ends, level, f"{name}, best of the {kind}", _PAPER)
         else:
-            _level(plot, ends, level, "others of the paper", _OTHERS, name, i == 1)
+            _level(plot, ends, level, f"others of the {kind}", _OTHERS, name, i == 1)
     return _finished(plot, "evaluations", objective)
 
 
@@ -128,6 +129,7 @@ def _level(
 
 _ROLES = {
     "paper": ("the paper's eight", "diamond", colour(1)),
+    "plain": ("plain rigs", "diamond", colour(1)),
     "greedy": ("greedy", "star", colour(2)),
     "found": ("found, not on the front", "circle", colour(4)),
 }

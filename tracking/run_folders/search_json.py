@@ -83,7 +83,7 @@ class Model(Part):
 class Rig(Part):
     """Placement with its measures, as JSON that is readable without this project."""
 
-    role: Literal["found", "greedy", "paper"]
+    role: Literal["found", "greedy", "paper", "plain"]
     feasible: bool
     mounts: tuple[Pose, ...]  # x, y, z in metres, roll, pitch, yaw in radians
     models: tuple[str, ...]  # names, one a mount
@@ -202,7 +202,7 @@ class SearchResult(ResultFile):
     parameters: int
     """The largest number of parameters of a trial."""
     baseline: str | None
-    """Best of the paper's eight by the first objective; null if they are not comparable."""
+    """Best of the plain rigs, or of the paper's eight, by the first objective; null without any."""
     rigs: dict[str, Rig]
     """Placements by name, with their results."""
     importance: dict[str, float] | None

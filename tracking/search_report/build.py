@@ -8,6 +8,7 @@ import numpy as np
 
 from lidarplace.requirements.tables import worst_cases
 from tracking.figures import of_searches
+from tracking.figures.kit.grounds import ground_note, with_grounds
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.labels import DASH, digits, number
 from tracking.pages.html_page import write_page
@@ -93,7 +94,7 @@ def _picture(run: SearchFolder) -> Section:
     best_drawn = dict(list(best.items())[:MOST_BEST])
     first = f"{len(best_drawn)} of the front" if len(best) > len(best_drawn) else "the best"
     kinds = {first if run.search.best else "the nearest trial": best_drawn}
-    for role, kind in {"greedy": "greedy's", "paper": "the paper's"}.items():
+    for role, kind in {"greedy": "greedy's", "plain": "plain ones", "paper": "the paper's"}.items():
         kinds[kind] = {name: rig for name, rig in rigs.items() if rig.role == role}
     menu = {name: rig for kind in kinds.values() for name, rig in kind.items()}
     further = [(name, rig) for name, rig in rigs.items() if name not in menu]
@@ -105,13 +106,10 @@ def _picture(run: SearchFolder) -> Section:
     pictured = {
         name: PicturedRig.in_zones(rig.placed, rig.models, rig.zones) for name, rig in menu.items()
     }
+    pictured = with_grounds(pictured, run.path, run.search.classes)
+    notes = [f"Choose a rig in the menu: {named}. {AXES_AND_POSTS}", ground_note(pictured)]
     picture = rig_picture(pictured, run.search.body, run.search.zones)
-    return Section(
-        "The rigs",
-        [f"Choose a rig in the menu: {named}. {AXES_AND_POSTS}"],
-        [picture],
-        place="picture",
-    )
+    return Section("The rigs", [*filter(None, notes)], [picture], place="picture")
 
 
 def _unseen(run: SearchFolder) -> Section | None:
@@ -150,16 +148,17 @@ def _history(run: SearchFolder) -> Section:
         section.notes.append(
             f"All figures here are as searched, with {rays}; the table of rigs is with all rays."
         )
-    paper = {name: rig for name, rig in search.rigs.items() if rig.role == "paper"}
+    peers = {name: rig for name, rig in search.rigs.items() if rig.role in ("plain", "paper")}
+    kind = "plain rigs" if any(rig.role == "plain" for rig in peers.values()) else "paper"
     for objective in search.objectives:
-        values = {name: rig.searched_value(objective) for name, rig in paper.items()}
+        values = {name: rig.searched_value(objective) for name, rig in peers.items()}
         with_values = [name for name, value in values.items() if not np.isnan(value)]
         # In the order of exact values, as the baseline is chosen.
-        with_values.sort(key=lambda name: -objective.sign * paper[name].value(objective))
+        with_values.sort(key=lambda name: -objective.sign * peers[name].value(objective))
         first_bound = bound if objective is search.first else None
         limits = (first_bound.value, first_bound.greedy) if first_bound else (None, None)
         ranked = {name: values[name] for name in with_values}
-        plot = of_searches.search_history(run.evaluated, objective, *limits, ranked)
+        plot = of_searches.search_history(run.evaluated, objective, *limits, ranked, kind)
         section.figures.append(plot)
     if run.bound is not None and len(run.bound):
         best = search.rigs[search.best[0]].searched_value(search.first) if search.best else None
@@ -175,6 +174,10 @@ def _pareto(run: SearchFolder) -> Section | None:
     search = run.search
     if len(search.objectives) < 2:
         return None
+    if len(search.best) == 1:
+        names = " and ".join(objective.name for objective in search.objectives)
+        note = f"The front is a single rig, {search.best[0]}: no other is better in {names}."
+        return Section("Pareto front", [note])
     notes = [
         f"{headline.of_front(search)}: whoever improves one objective makes another one worse."
     ]
@@ -229,7 +232,7 @@ def _chosen(run: SearchFolder) -> Section | None:
     if rows is None or rows.empty or search.baseline is None:
         return None
     note = (
-        "The best rigs of the search and the paper's eight, evaluated again by the generalist on "
+        "The best rigs of the search and their peers, evaluated again by the generalist on "
         "other traffic, because the best of many trials is also the luckiest. Differences to "
         f"{search.baseline} have 95 % intervals that hold for all pairs of rigs at once, over the "
         "routes and individuals of these frames and, where there are several, over generalists."

@@ -8,7 +8,7 @@ from lidarplace.mounting.polygon import nearest_of_boundary
 from tracking.findings.evidence import ray_counting_caution
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig, Zone
-from tracking.search_report.headline import best_of_paper, with_unit
+from tracking.search_report.headline import best_of_peers, with_unit
 
 FEW_PER_PARAMETER = 10  # fewer evaluations for each parameter are few
 _NEAR = 0.005  # metres: nearer to the face of a zone than any bracket is mounted
@@ -55,7 +55,7 @@ def _against_baseline(run: SearchFolder) -> list[str]:
     most = max((zone.z[1] for zone in search.zones), default=np.inf)
     high = any(mount.z > most for mount in search.rigs[search.baseline].placed)
     rack = ", whose LiDARs are higher than the zones allow" if high else ""
-    return [f"The best rig is not better than {search.baseline}{best_of_paper(search)}{rack}."]
+    return [f"The best rig is not better than {search.baseline}{best_of_peers(search)}{rack}."]
 
 
 def _other_cases(run: SearchFolder) -> list[str]:

@@ -67,6 +67,10 @@ def with_unit(objective: Objective, value: float) -> str:
 
 def format_value(objective: Objective, value: float) -> str:
     """Format a value without its unit, with digits that mean something: percent are of a sample."""
+    if objective.by == "margin":  # of requirements, in whose units it has no more digits
+        return digits(value, "z.3g")
+    if objective.by == "price":
+        return digits(value, ",.6g")
     return digits(value, "z.1f") if objective.unit == "%" else number(value)
 
 
@@ -75,9 +79,10 @@ def _found(run: SearchFolder) -> Card:
     rig, few = search.rigs[name], _few_seeds(run)
     compared = (_against_baseline(search, objective, rig) for objective in search.objectives)
     lines = [*filter(None, compared), *_how_sure(run), *([grade(few)] if few else [])]
-    if search.baseline is not None and len(search.models) > 1:
+    if search.baseline is not None and search.rigs[search.baseline].role == "paper":
         peers = sorted({*search.rigs[search.baseline].models})
-        lines.append(f"The paper's rigs are of LiDAR {', '.join(peers)}.")
+        if len(search.models) > 1:
+            lines.append(f"The paper's rigs are of LiDAR {', '.join(peers)}.")
     lines += _against_bound(search)
     count = len(search.constraints)
     constraints_kept = f"it keeps all {count} constraints" if count else "there were no constraints"
@@ -97,7 +102,7 @@ def pairs_sentence(zones: Iterable[str]) -> str:
     return f"LiDARs in {', '.join(zones)} are in mirrored pairs: both of a pair are bought."
 
 
-def best_of_paper(search: SearchResult) -> str:
+def best_of_peers(search: SearchResult) -> str:
     """Describe the baseline, to follow its name."""
     base = search.rigs.get(search.baseline or "")
     best = search.rigs[search.best[0]] if search.best else base
@@ -105,7 +110,8 @@ def best_of_paper(search: SearchResult) -> str:
     lidars = ""
     if base is not None and best is not None and len(base.mounts) != len(best.mounts):
         lidars = f", with {len(base.mounts)} LiDARs instead of {len(best.mounts)}"
-    return f", the best of the paper's eight{lidars}{broken}"
+    peers = "plain rigs" if base is not None and base.role == "plain" else "paper's eight"
+    return f", the best of the {peers}{lidars}{broken}"
 
 
 def of_front(search: SearchResult) -> str:
@@ -127,7 +133,7 @@ def _against_baseline(search: SearchResult, objective: Objective, rig: Rig) -> s
         unknown = f"{objective.name} of {search.baseline} is unknown."
         return f"{further_value}; {unknown}" if further_value else unknown
     compared = f"{change(objective, value, base)} against {search.baseline}"
-    compared += f"{best_of_paper(search) if first else ''} ({with_unit(objective, base)})."
+    compared += f"{best_of_peers(search) if first else ''} ({with_unit(objective, base)})."
     return f"{further_value and f'{further_value}, '}{compared}"
 
 

@@ -152,7 +152,7 @@ class Jobs:
         self._say(_describe(best), True)
 
     def evaluate(self) -> None:
-        """Let a generalist judge all rigs while the page goes on."""
+        """Let a generalist evaluate all rigs while the page goes on."""
         with self._starting:
             self._idle()
             path, run = self._files.evaluated

@@ -72,8 +72,9 @@ def check(problem: SearchProblem) -> str:
     mounts = check_grid(problem)
     numbers = " to ".join(map(str, sorted({*problem.space.numbers})))
     return (
-        f"least {by} of {numbers} LiDARs; models: {len(problem.space.models)}, mounts of the "
-        f"grid: {mounts:,}, requirements: {len(carrier.requirements)}"
+        f"least {by} of {numbers} LiDAR{'s' * (numbers != '1')}; models: "
+        f"{len(problem.space.models)}, mounts of the grid: {mounts:,}, requirements: "
+        f"{len(carrier.requirements)}"
     )
 
 

@@ -9,10 +9,12 @@ from lidarplace.command_line.invocation import command, with_settings
 from lidarplace.mounting.outline import outline
 from lidarplace.requirements.tables import Ground
 from sweeps.configuration.objective import TOTALS
+from sweeps.results.rigs import FILE as RIGS
 from sweeps.search.cheapest.result import FILE, CheapestAnswer, as_json, cost_text
 from sweeps.search.cheapest.rig_check import cost_of
 from sweeps.search.problem.rig import Rig
 from sweeps.search.problem.space import zones_of
+from tracking.figures.kit.grounds import ground_note, with_grounds
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.figures.kit.style import OUTLINE, colour, figure, legend_below
 from tracking.labels import digits
@@ -27,7 +29,7 @@ from tracking.search_report.headline import Card, pairs_sentence
 
 def write_cheapest_page(answer: CheapestAnswer, folder: Path) -> Path:
     """Write the page into `folder` and return its path."""
-    sections = [_picture(answer), _proof(answer), _lidars(answer), _prices(answer)]
+    sections = [_picture(answer, folder), _proof(answer), _lidars(answer), _prices(answer)]
     sections.append(_requirements(answer))
     file = answer.problem.file
     return write_page(
@@ -91,12 +93,12 @@ def _next_steps(answer: CheapestAnswer, folder: Path) -> list[Command]:
         line = with_settings(answer.command, seconds)
         steps.append(Command(what="give the proof more time", line=line))
     if answer.rig is not None:
-        line = command("studio", str(folder / "placement.yaml"))
+        line = command("studio", str(folder / RIGS))
         steps.append(Command(what="move its LiDARs by hand", line=line))
     return steps
 
 
-def _picture(answer: CheapestAnswer) -> Section:
+def _picture(answer: CheapestAnswer, folder: Path) -> Section:
     """Draw the vehicle with the rig, and the one of the grid in the menu; or the closest one."""
     if not answer.listed:
         return Section("The rig", place="picture")
@@ -108,8 +110,10 @@ def _picture(answer: CheapestAnswer) -> Section:
         for name, rig in rigs.items()
     }
     vehicle, zones = answer.problem.criteria.carrier.vehicle, zones_of(answer.problem.space)
+    pictured = with_grounds(pictured, folder, answer.problem.file.classes)
     picture = rig_picture(pictured, vehicle, zones)
-    return Section("The rig", [AXES_AND_POSTS], [picture], place="picture")
+    notes = [AXES_AND_POSTS, ground_note(pictured)]
+    return Section("The rig", [*filter(None, notes)], [picture], place="picture")
 
 
 def _lidars(answer: CheapestAnswer) -> Section | None:

@@ -12,6 +12,7 @@ from rich.console import Console
 from lidarplace.command_line.terminal import table
 from lidarplace.files.atomic import write_text
 from lidarplace.requirements.tables import case_table, worst_cases
+from sweeps.results.rigs import FILE as RIGS
 from sweeps.search.cheapest.cheapest_rig import CheapestResult, Recall
 from sweeps.search.cheapest.polish import needed_for
 from sweeps.search.cheapest.rig_check import RigCheck, check_rig, cost_of
@@ -183,16 +184,19 @@ def print_answer(console: Console, answer: CheapestAnswer, folder: Path) -> None
 
 
 def write_answer(answer: CheapestAnswer) -> Path:
-    """Write `placement.yaml`, if there is a rig, and `cheapest.json`.
+    """Write the rig, if there is one, alone and with its vehicle, and `cheapest.json`.
 
     Returns their folder."""
     folder = answer.problem.folder / "cheapest"
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "placement.yaml").unlink(missing_ok=True)
+    for name in ("placement.yaml", RIGS):
+        (folder / name).unlink(missing_ok=True)
     content = json.dumps(as_json(answer), indent=1)
     write_text(folder / "cheapest.json", content)
     if answer.rig is not None:
         write_text(folder / "placement.yaml", answer.problem.placement_text(answer.rig))
+    if answer.listed:
+        write_text(folder / RIGS, answer.problem.rigs_text({answer.name: answer.listed}))
     return folder
 
 

@@ -25,6 +25,7 @@ from sweeps.configuration.file import public_yaml
 from sweeps.configuration.objective import ObjectiveSettings
 from sweeps.configuration.requirements_file import check_rig_fits
 from sweeps.results.pictures import uncovered
+from sweeps.results.rigs import FILE as RIGS
 from sweeps.search.output.tables import greedy_table, importances, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.problem.problem import SearchProblem
@@ -42,7 +43,7 @@ from tracking.run_folders.json_file import Triangles
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
 _OPTIONAL = [table.file for table in contract.TABLES if not table.needed]
 """Files that not every search has."""
-_OPTIONAL += ["placement.yaml", "sweep.yaml", UnseenMaps.FILE, Grounds.FILE]
+_OPTIONAL += ["placement.yaml", "sweep.yaml", RIGS, UnseenMaps.FILE, Grounds.FILE]
 """Files that not every search has."""
 
 
@@ -67,6 +68,8 @@ def write_search(
     if findings.trials:
         write_text(folder / "placement.yaml", problem.placement_text(findings.rigs["found_1"].rig))
         write_text(folder / "sweep.yaml", _sweep(problem, findings))
+        names = (*findings.best, findings.baseline)
+        write_text(folder / RIGS, problem.rigs_text({n: findings.rigs[n].rig for n in names}))
         if findings.grids:
             _maps(problem, findings).write(folder)
     about.write(folder)
@@ -108,6 +111,8 @@ def _sweep(problem: SearchProblem, findings: SearchFindings) -> str:
     # A search that began with one of the eight need not train it twice.
     new = [name for name in findings.best if _places(findings.rigs[name].rig) not in places]
     rigs = {name: findings.rigs[name].rig for name in new[:most]}
+    if not paper:
+        rigs[findings.baseline] = findings.rigs[findings.baseline].rig
     others = [name for name in paper if name not in ruled_out]
     return public_yaml(problem.verify_settings(rigs, others))
 
@@ -215,7 +220,7 @@ def _objective(objective: ObjectiveSettings, problem: SearchProblem) -> kinds.Ob
     return kinds.Objective(
         name=objective.name,
         by=objective.by,
-        unit="" if quantity is None else quantity.unit,
+        unit="times the need" if objective.by == "margin" else quantity.unit if quantity else "",
         direction=objective.best,
         weights=weights,
     )
@@ -255,6 +260,8 @@ def _bound(findings: SearchFindings, problem: SearchProblem) -> kinds.Bound:
 def _verification(problem: SearchProblem, findings: SearchFindings) -> str:
     """Describe the sweep of the winners, and which of the paper's rigs it leaves out."""
     left, ruled_out = len(findings.of_role("paper")), _ruled_out(problem, findings)
+    if not left:
+        return f"train detectors for it and for {findings.baseline}"
     left -= len(ruled_out)
     why = "do not fit the vehicle or its requirements"
     if not left:
@@ -268,6 +275,7 @@ def _commands(problem: SearchProblem, findings: SearchFindings) -> list[kinds.Co
     if findings.trials:
         rig = str(folder / "placement.yaml")
         lines[_verification(problem, findings)] = command("run", str(folder / "sweep.yaml"))
+        lines["move LiDARs of these rigs by hand"] = command("studio", str(folder / RIGS))
         if isinstance(scene := problem.file.scene, LogScene):
             view = command("view", str(scene.folder), "--placement", rig)
             lines["see what it sees in a frame of the log"] = view

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from lidarplace import Lidar
 from lidarplace.base.errors import at
-from lidarplace.configuration.mounting import carrier_of
+from lidarplace.configuration.mounting import PlaceSettings, carrier_of
 from lidarplace.configuration.placement import MountSettings, SweptPlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.vehicle import VehicleSettings
@@ -54,6 +54,27 @@ class SearchConfig:
         """Write a rig as a file for `lidarplace view` and others, metres and radians.
 
         LiDARs of the catalogue have their name alone."""
+        return yaml.safe_dump(self._readable(rig), sort_keys=False)
+
+    def rigs_text(self, rigs: Mapping[str, Rig]) -> str:
+        """Write rigs with vehicle, zones, prices, limits and requirements, as a studio's file."""
+        search, source = self.file.search, self.source["search"]
+        same = ("vehicle", "keep_out", "constraints", "requirements")
+        shape = {*PlaceSettings.model_fields}
+        content = {
+            **{key: deepcopy(source[key]) for key in same if source.get(key)},
+            **({"allow_blind_lidars": True} if self.file.allow_blind_lidars else {}),
+            "zones": {
+                name: zone.model_dump(mode="json", exclude_unset=True, include=shape)
+                for name, zone in search.zones.items()
+            },
+            "prices": {model.name: model.price for model in search.models.values() if model.name},
+            "placements": {name: self._readable(rig) for name, rig in rigs.items()},
+        }
+        return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
+
+    def _readable(self, rig: Rig) -> dict[str, Any]:
+        """Return a rig as in a file by itself, with a model on each mount."""
         settings = as_plain(self.placement_settings(rig))
         # Read by itself, the file has to say what the key `lidar` says here.
         lidar = self.file.lidar.model_dump(
@@ -61,7 +82,7 @@ class SearchConfig:
         )
         for mount in settings["mounts"]:
             mount["lidar"] = as_written(SensorSettings.model_validate(mount.get("lidar", lidar)))
-        return yaml.safe_dump(settings, sort_keys=False)
+        return settings
 
     def _mounted(self, lidar: MountedLidar) -> MountSettings:
         pose = {key: value for key, value in asdict(lidar.mount).items() if key in "xyz" or value}

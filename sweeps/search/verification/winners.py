@@ -12,11 +12,12 @@ from optuna.trial import FrozenTrial
 
 from lidarplace import OccupancyGrid
 from sweeps.configuration.objective import ObjectiveSettings
-from sweeps.search.greedy.certificate import Certificate
+from sweeps.search.greedy.certificate import Certificate, slots_of
 from sweeps.search.problem.assess import Assessment, Criteria
+from sweeps.search.problem.plain_rigs import plain_rigs
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig
-from sweeps.search.problem.space import Space
+from sweeps.search.problem.space import Space, rig_of
 from sweeps.search.trials.study import Timing, assessment_of, finished_trials
 from sweeps.search.trials.traffic import Pool
 
@@ -68,7 +69,7 @@ def assess_best(
     certificate: Certificate | None,
     pool: Pool,
 ) -> dict[str, AssessedRig]:
-    """Assess the best of the search, greedy's rigs and the paper's; each the best first."""
+    """Assess the best of the search, greedy's, and plain rigs or the paper's; the best first."""
     greedy_rigs = {}
     if certificate is not None and certificate.chosen:  # nothing, where no LiDAR sees anything
         greedy_rigs["greedy"] = certificate.rig
@@ -77,7 +78,20 @@ def assess_best(
     best = _of_trials(trials, problem, pool)
     rigs = {f"found_{number}": rig for number, rig in enumerate(best, start=1)}
     rigs |= _of_others(greedy_rigs, "greedy", problem.criteria, pool)
+    if plain := _plain_rigs(problem, best):
+        return rigs | _of_others(plain, "plain", problem.criteria, pool)
     return rigs | _of_others(problem.paper_rigs(), "paper", problem.criteria, pool)
+
+
+def _plain_rigs(problem: SearchProblem, best: Sequence[AssessedRig]) -> dict[str, Rig]:
+    """Return what to compare rigs of an own vehicle with: plain ones and those of `search.start`.
+
+    None for the sedan, which has the paper's, and where no rig was found."""
+    placed = slots_of(best[0].rig, problem) if best and problem.file.search.vehicle else None
+    if placed is None:
+        return {}
+    named = {name: rig_of(start, problem.space) for name, start in problem.start.items()}
+    return plain_rigs(problem.space, placed) | named
 
 
 def _of_trials(
@@ -162,7 +176,7 @@ class SearchFindings:
     Attributes:
         trials: the best of the study.
         certificate: None if there is none, for the reason `no_certificate`.
-        rigs: found_1, ..., greedy, and the paper's, each the best first.
+        rigs: found_1, ..., greedy, and plain ones or the paper's, each the best first.
         robustness: None if it was not configured, or no rig was found.
         grids: POG by class; empty if no surrogate is an objective.
         chosen: measurements of the generalist on the traffic of the choice; None without one."""
@@ -188,10 +202,14 @@ class SearchFindings:
 
     @property
     def baseline(self) -> str:
-        """Name of the best of the paper's rigs."""
+        """Name of the best of the plain rigs, or of the paper's."""
         return baseline_of(self.rigs)
 
 
 def baseline_of(rigs: Mapping[str, AssessedRig]) -> str:
-    """Return the best of the paper's eight among rigs of which the best come first."""
-    return next(name for name, rig in rigs.items() if rig.role == "paper")
+    """Return the best of the plain rigs that keeps all constraints, or of the paper's eight.
+
+    Of `rigs` the best come first."""
+    peers = {name: rig for name, rig in rigs.items() if rig.role in ("plain", "paper")}
+    eligible = (n for n, r in peers.items() if r.role == "paper" or r.assessment.feasible)
+    return next(eligible, next(iter(peers)))

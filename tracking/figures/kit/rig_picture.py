@@ -1,15 +1,17 @@
-"""Vehicle, zones and the LiDARs of a rig as an interactive 3D picture; a menu chooses the rig."""
+"""Vehicle, zones, the LiDARs of a rig and the ground in 3D; a menu chooses the rig."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.requirements.recall_ground import REACH_M, RecallGround
 from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import equal_axes, xyz
 from tracking.figures.kit.style import OUTLINE, QUIET, TOLD, add_menu, figure, lidar_markers, text
@@ -20,18 +22,34 @@ _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
 """Axes of a sensor, in colours that colour-blind readers can distinguish."""
 _AXIS_LENGTH = 0.3  # metres
 AXES_AND_POSTS = (
-    "Drag to turn. Lines at a LiDAR are the sensor's axes, 0.3 m long; grey posts are the rack "
-    "that LiDARs above the body need."
+    "Drag to turn, scroll to zoom. Lines at a LiDAR are the sensor's axes, 0.3 m long; grey posts "
+    "are the rack that LiDARs above the body need."
 )
-_CAMERA = {"eye": {"x": 1.5, "y": 1.35, "z": 0.7}, "center": {"x": 0.0, "y": 0.0, "z": -0.15}}
+_DISTANCES = 1.6, 4.0
+"""Distance of the camera from the vehicle without and with a ground, lengths of the vehicle."""
+_EYE = np.array([0.72, 0.58, 0.6])
+"""Direction from the vehicle to the camera."""
+_LONGEST = 1.9
+"""Longest axis of the scene in plotly's units."""
+_GROUND = ((0.0, "#e8a87c"), (0.5, "#f4efe4"), (1.0, "#7fbbe0"))
+"""Colours of the ground: orange where little is found, blue where much is."""
+_INK = "#1d2126"
+"""Colour of text over the ground, which is bright on a dark page, too."""
+_LABELS = 0.055
+"""Least distance between numbers of LiDARs, in distances of the camera."""
 
 
 @dataclass(frozen=True)
 class PicturedRig:
-    """Mounts, and plotly text of each next to its pose, such as its LiDAR model; may be empty."""
+    """Mounts, and plotly text of each next to its pose, such as its LiDAR model; may be empty.
+
+    `ground` is coloured if it is known; with `dead`, a LiDAR's number from 0, by its degraded
+    recall."""
 
     mounts: tuple[Mount, ...]
     words: tuple[str, ...]
+    ground: RecallGround | None = None
+    dead: int | None = None
 
     @classmethod
     def of(cls, mounts: Sequence[Mount], words: Sequence[str] = ()) -> PicturedRig:
@@ -47,58 +65,120 @@ class PicturedRig:
         words = [text(model) + (f", zone {text(zone)}" if zone else "") for model, zone in pairs]
         return cls(tuple(mounts), tuple(words))
 
+    @property
+    def models(self) -> list[str]:
+        """Models of the mounts: their words up to the first comma."""
+        return [words.partition(",")[0] for words in self.words]
+
 
 def rig_picture(
     rigs: Mapping[str, PicturedRig], vehicle: Vehicle | None, zones: Sequence[Zone] = ()
 ) -> go.Figure:
     """Draw rigs by their names in a menu, the first one at the start.
 
-    A sedan carries them for a `vehicle` of None; LiDARs may sit in `zones`."""
-    plot = figure("LiDARs on the vehicle", height=420, margin={"l": 0, "r": 0, "t": 70, "b": 32})
+    A rig with a ground is followed by the same one with its worst LiDAR dead. A sedan carries them
+    for a `vehicle` of None; LiDARs may sit in `zones`."""
+    plot = figure("LiDARs on the vehicle", height=440, margin={"l": 0, "r": 0, "t": 70, "b": 48})
     plot.add_traces(vehicle_in_space(vehicle))
-    _add_ground(plot, vehicle)
+    states = {state: rig for name, rig in rigs.items() for state, rig in _states(name, rig)}
+    with_ground = any(rig.ground for rig in states.values())
+    _add_rings(plot, vehicle, with_ground)
     if zones:
-        lines = np.concatenate([_prism(zone) for zone in zones])
-        add_lines(plot, lines, "#CC79A7", 4, name="zones")
-        middles = np.array([np.mean(zone.polygon, axis=0) for zone in zones])
-        plot.add_scatter3d(
-            x=middles[:, 0],
-            y=middles[:, 1],
-            z=[zone.z[1] for zone in zones],
-            mode="markers",
-            marker={"size": 3, "color": "#CC79A7"},
-            hovertext=[f"zone {text(zone.name)}" for zone in zones],
-            **TOLD,
-        )
+        _add_zones(plot, zones)
     owner = [""] * len(plot.data)
-    first = next(iter(rigs))
-    for name, rig in rigs.items():
+    first, length = next(iter(states)), float(np.ptp(extent_of(vehicle)[:, 0])) or 4.0
+    distance = _DISTANCES[with_ground] * length
+    for name, rig in states.items():
         before = len(plot.data)
-        _add_rig(plot, rig, vehicle)
+        _add_rig(plot, rig, vehicle, _LABELS * distance)
         owner += [name] * (len(plot.data) - before)
     for trace, rig_name in zip(plot.data, owner, strict=True):
         trace.visible = rig_name in ("", first)
     # Axes of equal scale that hold every rig, so that the menu does not move the picture.
-    seen = [np.stack([trace.x, trace.y, trace.z], 1).astype(np.float64) for trace in plot.data]
-    scene = equal_axes(np.concatenate(seen), longest=1.9)
+    points = np.concatenate([_points(trace) for trace in plot.data])
+    scene = equal_axes(points, longest=_LONGEST)
     for axis in "xyz":  # the rings on the ground are the scale
         scene[f"{axis}axis"]["visible"] = False
     plot.update_layout(
-        scene=scene | {"camera": _CAMERA, "dragmode": "turntable"},
+        scene=scene | {"camera": _camera(scene, vehicle, distance), "dragmode": "turntable"},
         legend={"orientation": "h", "y": 0, "yanchor": "top", "itemsizing": "constant"},
+        coloraxis=_colour_bar(states.values()),
     )
-    changes = [({"visible": [rig_name in ("", name) for rig_name in owner]},) for name in rigs]
-    return add_menu(plot, [text(name) for name in rigs], changes, y=1)
+    changes = [({"visible": [rig_name in ("", name) for rig_name in owner]},) for name in states]
+    return add_menu(plot, [text(name) for name in states], changes, y=1)
 
 
-def _add_ground(plot: go.Figure, vehicle: Vehicle | None) -> None:
-    """Draw rings around the middle of the vehicle on the ground, labelled with their radii."""
+def _states(name: str, rig: PicturedRig) -> list[tuple[str, PicturedRig]]:
+    """Return the rig as built and, if its ground has one, with its worst LiDAR dead; by name."""
+    dead = None if rig.ground is None else rig.ground.dead
+    states = [(name, rig)]
+    if dead is not None:
+        states.append((f"{name}, LiDAR {dead + 1} dead", replace(rig, dead=dead)))
+    return states
+
+
+def _points(trace: go.Scatter3d | go.Surface) -> NDArray[np.float64]:
+    """Return the points of a trace, shape (n, 3)."""
+    if trace.type == "surface":
+        x, y = np.meshgrid(trace.x, trace.y)
+        return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    return np.stack([trace.x, trace.y, trace.z], axis=1).astype(np.float64)
+
+
+def _camera(scene: Mapping[str, Any], vehicle: Vehicle | None, distance: float) -> dict[str, Any]:
+    """Place the camera in front of the left side of the vehicle, and let it look at its middle."""
+    ranges = np.array([scene[f"{axis}axis"]["range"] for axis in "xyz"])
+    scale = _LONGEST / np.ptp(ranges, axis=1).max()
+    middle = scale * (extent_of(vehicle).mean(axis=0) - ranges.mean(axis=1))
+    eye = middle + scale * distance * _EYE
+    return {
+        name: dict(zip("xyz", place.tolist(), strict=True))
+        for name, place in (("eye", eye), ("center", middle))
+    }
+
+
+def _colour_bar(rigs: Iterable[PicturedRig]) -> dict[str, Any]:
+    """Make the colours of all grounds; a fiftieth of the cells may have less than the darkest."""
+    grounds = [rig.ground for rig in rigs if rig.ground is not None]
+    maps = [ground.built for ground in grounds] + [ground.degraded for ground in grounds]
+    low = min((float(np.nanquantile(values, 0.02)) for values in maps), default=0.0)
+    high = max((float(np.nanmax(values)) for values in maps), default=1.0)
+    ink = {"font": {"color": _INK}, "text": "recall"}
+    bar = {"title": ink, "tickformat": ".0%", "thickness": 10, "len": 0.6, "x": 1}
+    bar |= {"bgcolor": "rgba(255, 255, 255, 0.7)", "tickfont": {"color": _INK}}
+    return {
+        "colorscale": _GROUND,
+        "cmin": np.floor(20 * low) / 20,
+        "cmax": np.ceil(20 * high) / 20,
+        "colorbar": bar | {"xanchor": "right", "nticks": 6},
+    }
+
+
+def _add_zones(plot: go.Figure, zones: Sequence[Zone]) -> None:
+    lines = np.concatenate([_prism(zone) for zone in zones])
+    add_lines(plot, lines, "#CC79A7", 4, name="zones")
+    middles = np.array([np.mean(zone.polygon, axis=0) for zone in zones])
+    plot.add_scatter3d(
+        x=middles[:, 0],
+        y=middles[:, 1],
+        z=[zone.z[1] for zone in zones],
+        mode="markers",
+        marker={"size": 3, "color": "#CC79A7"},
+        hovertext=[f"zone {text(zone.name)}" for zone in zones],
+        **TOLD,
+    )
+
+
+def _add_rings(plot: go.Figure, vehicle: Vehicle | None, far: bool) -> None:
+    """Draw rings around the middle of the vehicle on the ground, labelled with their radii.
+
+    `far`: over the whole coloured ground, else near the vehicle."""
     (x0, y0, _), (x1, y1, _) = extent_of(vehicle)
     x, y, reach = (x0 + x1) / 2, (y0 + y1) / 2, np.hypot(x1 - x0, y1 - y0) / 2
     step = next(step for step in (1, 2, 5, 10) if reach <= 4 * step or step == 10)
     radii = np.arange(step, reach + step, step)
-    radii = radii[radii > (y1 - y0) / 2 + 0.5]  # of which a part is in view
-    if not len(radii):  # no body
+    radii = np.arange(10.0, REACH_M + 1, 10.0) if far else radii[radii > (y1 - y0) / 2 + 0.5]
+    if not len(radii):  # no body, or none with a part in view
         return
     turn = np.linspace(0, 2 * np.pi, 73)
     unit = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1)
@@ -125,25 +205,93 @@ def _prism(zone: Zone) -> NDArray[np.float64]:
     return np.concatenate([rings[0], gap, rings[1], gap, upright.reshape(-1, 3)])
 
 
-def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None) -> None:
+def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None, gap: float) -> None:
+    """Draw a rig: its ground, posts, axes, and LiDARs with numbers `gap` metres apart."""
+    if rig.ground is not None:
+        _add_ground(plot, rig.ground, rig.dead is not None)
     carried = posts(rig.mounts, vehicle)
     if len(carried):
         add_lines(plot, carried, OUTLINE, 8, name="posts")
     at = np.array([mount.position for mount in rig.mounts])
     for axis, (name, shade) in enumerate(_AXES):
         ends = at + _AXIS_LENGTH * np.array([mount.rotation[:, axis] for mount in rig.mounts])
-        lines = np.stack([at, ends, np.full_like(at, np.nan)], axis=1).reshape(-1, 3)
-        add_lines(plot, lines, shade, 6, name=f"sensor's {name}", legendgroup=name)
+        add_lines(plot, _pairs(at, ends), shade, 6, name=f"sensor's {name}", legendgroup=name)
+    models = rig.models
+    markers = lidar_markers(len(at), 7)
+    if rig.dead is not None:
+        markers["color"][rig.dead] = OUTLINE
+    same = f"LiDAR: {models[0]}" if len(set(models)) == 1 and models[0] else "LiDAR"
     plot.add_scatter3d(
         **xyz(at),
-        mode="markers+text",
-        marker=lidar_markers(len(at), 7),
-        text=[str(number) for number in range(1, len(at) + 1)],
-        textposition="middle right",
+        mode="markers",
+        marker=markers,
         hovertext=[_words(rig, i) for i in range(len(at))],
-        name="LiDAR",
-        **TOLD,
+        name=same,
+        **TOLD | {"showlegend": same != "LiDAR"},
     )
+    mixed = len(set(models)) > 1
+    places = label_places(at, gap, max(map(len, models)) / 2 + 1 if mixed else 1.0)
+    add_lines(plot, _pairs(at, places), OUTLINE, 1, showlegend=False)
+    ink = {} if rig.ground is None else {"color": _INK}
+    numbers = [f"{i} {model}" if mixed else str(i) for i, model in enumerate(models, start=1)]
+    if rig.dead is not None:
+        numbers[rig.dead] += " dead"
+    style = {"textfont": {"size": 13} | ink, "textposition": "top center"}
+    plot.add_scatter3d(**xyz(places), mode="text", text=numbers, **style, **QUIET)
+
+
+def _add_ground(plot: go.Figure, ground: RecallGround, degraded: bool) -> None:
+    """Colour the cells of the ground by recall."""
+    values = (ground.degraded if degraded else ground.built).T.astype(np.float32)
+    hidden, (rows, columns) = np.isnan(values), np.nonzero(~np.isnan(values))
+    for row, column in np.argwhere(hidden):  # under the vehicle, as next to it
+        nearest = np.hypot(rows - row, columns - column).argmin()
+        values[row, column] = values[rows[nearest], columns[nearest]]
+    plot.add_surface(
+        x=ground.x.astype(np.float32),
+        y=ground.y.astype(np.float32),
+        z=np.full(values.shape, -0.02, np.float32),
+        surfacecolor=values,
+        coloraxis="coloraxis",
+        opacity=0.85,
+        lighting={"ambient": 1.0, "diffuse": 0.0, "specular": 0.0},
+        hovertemplate="x %{x:.0f}, y %{y:.0f} m: %{surfacecolor:.0%}<extra></extra>",
+        contours={axis: {"highlight": False} for axis in "xyz"},
+        showlegend=False,
+    )
+
+
+def label_places(at: NDArray[np.float64], gap: float, width: float = 1.0) -> NDArray[np.float64]:
+    """Place texts above LiDARs at `at`, shape (n, 3), metres.
+
+    As the camera sees them at first, no two are nearer to each other than `gap` metres, `width`
+    times as far from left to right."""
+    right = np.array([-_EYE[1], _EYE[0], 0.0]) / np.hypot(*_EYE[:2])
+    axes = np.stack([right, np.cross(_EYE / np.linalg.norm(_EYE), right)])
+    scale = np.array([1 / width, 1.0])
+    # A hair apart in a circle: what is at one place in the image has somewhere to go.
+    turn = np.arange(len(at)) * 2.4
+    start = (
+        scale * (at @ axes.T)
+        + [0.0, gap]
+        + 0.01 * gap * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    )
+    places = start.copy()
+    for _ in range(200):
+        apart = places[:, None] - places[None]
+        distance = np.linalg.norm(apart, axis=2) + np.eye(len(at)) * 2 * gap
+        lacking = np.clip(1.001 * gap - distance, 0.0, None)
+        if not lacking.any():
+            break
+        places += ((0.5 * lacking / distance)[:, :, None] * apart).sum(axis=1)
+    forward = 3 * gap * _EYE / np.linalg.norm(_EYE)  # the vehicle hides nothing
+    placed: NDArray[np.float64] = at + forward + (places / scale - at @ axes.T) @ axes
+    return placed
+
+
+def _pairs(starts: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a line from each start to its end, broken by NaN, shape (3 n, 3)."""
+    return np.stack([starts, ends, np.full_like(starts, np.nan)], axis=1).reshape(-1, 3)
 
 
 def _words(rig: PicturedRig, i: int) -> str:

@@ -8,6 +8,7 @@ from plotly.subplots import make_subplots
 
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
+from tracking.figures.kit.grounds import ground_note, with_grounds
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.figures.kit.style import OUTLINE, QUIET, figure, lidar_colour, symbol, text
 from tracking.figures.kit.vehicle_lines import extent_of, name_of, posts, vehicle_outline
@@ -33,8 +34,10 @@ def picture_section(recommended: Recommendation) -> Section:
         name: PicturedRig.of(run.placements[name], [_model_words(m) for m in lidars.get(name, ())])
         for name in recommended.drawn
     }
-    note = f"Choose one of the best rigs in the menu. {AXES_AND_POSTS}"
-    return Section("The rigs", [note], [rig_picture(rigs, run.sweep.body)], place="picture")
+    rigs = with_grounds(rigs, run.path, run.sweep.classes)
+    notes = [f"Choose one of the best rigs in the menu. {AXES_AND_POSTS}", ground_note(rigs)]
+    picture = rig_picture(rigs, run.sweep.body)
+    return Section("The rigs", [*filter(None, notes)], [picture], place="picture")
 
 
 def rigs_section(recommended: Recommendation) -> Section:

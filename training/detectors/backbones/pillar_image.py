@@ -62,15 +62,14 @@ class _Image(torch.autograd.Function):
         moving, shared = _weights_of_terms(weight.detach().numpy())
         dtype = moving.dtype
         sign = np.where(gamma.detach().numpy() < 0, -1, 1).astype(dtype)
-        x, _, z = grid.centres(torch.arange(grid.shape[0])).T.numpy()
-        _, y, _ = grid.centres(grid.shape[0] * torch.arange(grid.shape[1])).T.numpy()
+        x, y, z = grid.axes
         products = np.zeros((4, 4) if learns else (0, 0))
         signed = np.ascontiguousarray((sign[:, None] * moving).T)
-        of_points, centre, limits = grid.cells(points), (x, y, z[0]), grid.limits(norm.training)
+        of_points, centre, limits = grid.cells(points), grid.axes, grid.limits(norm.training)
         pillars = _collect(points, of_points, ends, centre, limits, signed, products)
         cells, counts, sums, best, winner = pillars
         column, row = cells % len(x), cells // len(x) % len(y)
-        centres = np.stack([x[column], y[row], np.full(len(row), z[0])], axis=1)
+        centres = np.stack([x[column], y[row], np.full(len(row), z)], axis=1)
         rest = np.hstack([centres, sums[:, :3] / counts[:, None]])
         common = rest.astype(dtype) @ shared.T
         rows = int(counts.sum())
@@ -137,7 +136,7 @@ def _follow_batch(
     and of their products."""
     mean = weights @ total / rows
     spread = squares / rows - np.outer(total, total) / rows**2
-    variance = np.maximum(np.einsum("ci,ij,cj->c", weights, spread, weights), 0)
+    variance = np.maximum(((weights @ spread) * weights).sum(axis=1), 0)
     norm.follow(torch.from_numpy(mean), torch.from_numpy(variance), rows)
     return mean, variance
 

@@ -7,6 +7,7 @@ form."""
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -47,6 +48,14 @@ class PillarGrid:
         low = np.array(self.point_range[:3], np.float32)
         height = self.point_range[5] - self.point_range[2]
         return _cells_kernel(points, low, np.array([*self.size, height], np.float32), *self.shape)
+
+    @cached_property
+    def axes(self) -> tuple[NDArray[np.float32], NDArray[np.float32], np.float32]:
+        """Centres of the pillars along x, (nx,), and y, (ny,), and their middle height."""
+        nx, ny = self.shape
+        x, _, z = self.centres(torch.arange(nx)).T.contiguous().numpy()
+        y = self.centres(nx * torch.arange(ny))[:, 1].contiguous().numpy()
+        return x, y, z[0]
 
     def centres(self, cells: Tensor) -> Tensor:
         """Centres of the pillars of cells (P,), shape (P, 3), float32."""

@@ -19,7 +19,7 @@ from training.detectors.heads.anchor_targets import (
 )
 from training.detectors.heads.anchors import AnchorClass
 from training.detectors.heads.box_coder import decode, encode, limit_period
-from training.detectors.heads.losses import sigmoid_focal_loss, sine_smooth_l1
+from training.detectors.heads.losses import focal_loss, sine_smooth_l1
 
 # OpenPCDet's KITTI models.
 BINS = 2
@@ -99,9 +99,8 @@ class AnchorHead(nn.Module):
         positive = label > 0
         share = (1 / positive.sum(dim=1).clamp_min(1).to(logits))[:, None] / len(label)
         labels = torch.arange(1, len(self.classes) + 1, device=label.device)
-        focal = sigmoid_focal_loss(logits, (label[..., None] == labels).to(logits))
         weight = (label >= 0) * share
-        classification = (focal * weight[..., None]).sum()
+        classification = focal_loss(logits, label[..., None] == labels, weight)
         anchors = self.anchors.reshape(-1, 7)[targets.index[1]]
         residuals, directions = self.raw_boxes(output, targets.index)
         location = sine_smooth_l1(residuals, encode(targets.boxes, anchors)).sum(dim=-1)

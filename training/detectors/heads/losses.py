@@ -1,31 +1,44 @@
-"""Losses of the heads, and what points learn."""
+"""Losses of the heads."""
 
-from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 from torch.nn import functional
 
 BETA = 1 / 9  # where smooth L1 turns from a square into a line
+_ALPHA = 0.25  # weight of targets of 1 in the focal loss, of others 1 - _ALPHA
 
 
-@dataclass(frozen=True)
-class Targets:
-    """Targets of the points of a batch."""
+def focal_loss(logits: Tensor, targets: Tensor, weight: Tensor) -> Tensor:
+    """Sum of the focal losses, gamma = 2, of logits (…, C), times the weights (…,) of their rows.
 
-    labels: Tensor  # label of the object, 0 for background, -1 for neither, shape (N,), int64
-    positive: Tensor  # those with an object, shape (P,), int64
-    boxes: Tensor  # their objects, shape (P, 7)
+    Targets (…, C) are bool. Lin et al., Focal loss for dense object detection, ICCV 2017."""
+    result: Tensor = _FocalLoss.apply(logits, targets, weight)
+    return result
 
 
-def sigmoid_focal_loss(logits: Tensor, targets: Tensor, alpha: float = 0.25) -> Tensor:
-    """Focal loss, gamma = 2, of every element, same shape; targets are 0 or 1.
+class _FocalLoss(torch.autograd.Function):
+    """The loss is a p² softplus(z), where z is the logit or, for targets, its negative.
 
-    Lin et al., Focal loss for dense object detection, ICCV 2017."""
-    # 1 - p where the target is 1, p where it is 0.
-    wrong = (torch.sigmoid(logits) - targets).abs()
-    weight = ((1 - alpha) + (2 * alpha - 1) * targets) * wrong.square()
-    return weight * functional.binary_cross_entropy_with_logits(logits, targets, reduction="none")
+    p = sigmoid(z), and the derivative to z is a p² (2 (1 - p) softplus(z) + p)."""
+
+    @staticmethod
+    def forward(ctx: Any, logits: Tensor, targets: Tensor, weight: Tensor) -> Tensor:
+        z = torch.where(targets, -logits, logits)
+        p, softplus = z.sigmoid(), functional.softplus(z)
+        factor = p.square().mul_(weight[..., None])
+        factor = torch.where(targets, factor * _ALPHA, factor * (1 - _ALPHA))
+        if ctx.needs_input_grad[0]:
+            slope = torch.addcmul(p, 1 - p, softplus, value=2).mul_(factor)
+            ctx.save_for_backward(torch.where(targets, -slope, slope))
+        return factor.mul_(softplus).sum()
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:
+        return ctx.saved_tensors[0] * gradient, None, None
 
 
 def sine_smooth_l1(predicted: Tensor, target: Tensor) -> Tensor:

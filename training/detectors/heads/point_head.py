@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from training.detectors.detector import Rows
 from training.detectors.heads.box_coder import decode, encode
-from training.detectors.heads.losses import BETA, sigmoid_focal_loss
+from training.detectors.heads.losses import BETA, focal_loss
 from training.detectors.layers import PaddedBatchNorm, precise
 from training.ops.points_in_boxes import box_of_points
 
@@ -54,9 +54,9 @@ def segmentation_loss(logits: Tensor, labels: Tensor) -> Tensor:
 
     With C = 1 all labels above 0 are the same."""
     classes = logits.shape[1]
-    one_hot = functional.one_hot(labels.clamp(0, classes), classes + 1)[:, 1:].to(logits)
+    numbers = torch.arange(1, classes + 1, device=labels.device)
     weight = (labels >= 0).to(logits) / (labels > 0).sum().clamp_min(1)
-    return (sigmoid_focal_loss(logits, one_hot) * weight[:, None]).sum()
+    return focal_loss(logits, labels.clamp_max(classes)[:, None] == numbers, weight)
 
 
 class PointHeadSimple(nn.Module):

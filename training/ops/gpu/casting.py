@@ -258,7 +258,7 @@ def _reflectivity(ground, frame, x, y, mask):
 
 @triton.jit
 def _returns_light(distance, light, limits):
-    """Whether surfaces are neither too near nor too dark to be seen."""
+    """Test if surfaces are neither too near nor too dark to be seen."""
     farthest = tl.load(limits + 1) * tl.exp(tl.load(limits + 2) * tl.log(10.0 * light))
     dimmed = distance * tl.exp(tl.load(limits + 3) * distance)
     # NaN: of no light in endless sight.

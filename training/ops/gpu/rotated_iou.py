@@ -132,7 +132,7 @@ def _survivor_kernel(
 
 @triton.jit
 def _could_exceed(a, b, at_a, at_b, threshold):
-    """Whether the IoU of each pair may exceed the threshold, see `training.ops.rotated_iou`."""
+    """Test if the IoU of each pair may exceed the threshold, see `training.ops.rotated_iou`."""
     length, width = _column(a, 3, at_a)[:, None], _column(a, 4, at_a)[:, None]
     other_length, other_width = _column(b, 3, at_b)[None, :], _column(b, 4, at_b)[None, :]
     dx = _column(b, 0, at_b)[None, :] - _column(a, 0, at_a)[:, None]
