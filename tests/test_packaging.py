@@ -42,7 +42,7 @@ MAY_IMPORT = {
 }
 """Extras by package, "" being what every installation has."""
 
-BROUGHT = {"training": {"triton"}}  # by the builds of torch that are for GPUs
+BROUGHT = {"training": {"triton"}, "sweeps": {"triton"}}  # by the builds of torch that are for GPUs
 
 NOT_IMPORTED = {
     "cmaes": "Optuna's sampler of that name",
