@@ -228,7 +228,7 @@ def test_init_writes_the_examples(tmp_path):
     for answer, code in (("", 2), ("n\n", 0)):
         result = init(answer)
         assert (result.exit_code, grid.read_text()) == (code, "my: grid\n"), result.output
-    assert "grid.yaml is there" in result.output
+    assert "grid.yaml exists" in result.output
     init("y\n")
     assert grid.read_bytes() == written["grid.yaml"]
 
