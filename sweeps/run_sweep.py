@@ -17,7 +17,7 @@ from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.runner import Say, drive
-from sweeps.mlflow.experiment import ABOUT, columns, note
+from sweeps.mlflow.experiment import ABOUT, chart, columns, headline_column, note
 from sweeps.mlflow.trials import TrialLog
 from sweeps.plan.pretrained import ON_GPU, uses_gpu
 from sweeps.plan.trial import Plan, Trial
@@ -55,7 +55,9 @@ def run_sweep(
         console.print(f"warning: {caution}", style="yellow", soft_wrap=True)
     work = SweepWork(console, sweep, plan, store, command, rerun_failed)
     run, logged = drive(console, sweep.common, store, work)
-    console.print(f"{time.monotonic() - work.started:.0f} s")
+    took = f"{time.monotonic() - work.started:.0f} s"
+    decision = sweep.common.output / sweep.common.name / DECISION
+    console.print(f"Decision  {decision}  ({took})" if decision.exists() else took, soft_wrap=True)
     failed = _failed(plan, run)
     for trial, failure in failed:
         console.print(f"failed: {trial.label}: {failure.reason}", soft_wrap=True)
@@ -63,8 +65,8 @@ def run_sweep(
         folder = sweep.common.output / sweep.common.name / "failed"
         summary = f"{len(failed)} of {len(plan.trials)} trials failed; see {folder}. "
         console.print(f"{summary}--rerun-failed tries all of them again.")
-    if (decision := sweep.common.output / sweep.common.name / DECISION).exists():
-        console.print(f"Decision  {decision}", soft_wrap=True)
+    for line in work.answer:
+        console.print(line, soft_wrap=True)
     return logged and not failed
 
 
@@ -79,6 +81,7 @@ class SweepWork:
     command: str
     rerun_failed: bool
     started: float = field(default_factory=time.monotonic)
+    answer: list[str] = field(default_factory=list)
 
     def open(self, folder: Path, say: Say) -> ParentRun:
         """Refer to the results, make room for more of them."""
@@ -99,6 +102,8 @@ class SweepWork:
             note=note(sweep.source, self.command, sweep.common.urls),
             about=ABOUT,
             columns=columns(sweep),
+            order_by=headline_column(sweep),
+            chart=chart(sweep),
         )
 
     def compute(self, folder: Path, backend: Backend, log: SweepLog, say: Say) -> Run:
@@ -142,6 +147,7 @@ class SweepWork:
         for path in (*(folder / "tables").glob("*.csv"), *(folder / "figures").glob("*.png")):
             log.artifact(path, path.parent.name)
         _print_summary(self.console, analysis)
+        self.answer.extend(analysis.headline)
         return report
 
 
@@ -190,8 +196,6 @@ def _print_summary(console: Console, analysis: Analysis) -> None:
     console.print(table(title, list(summary.columns), rows))
     counted = ray_counting_caution(largest_linear_share(run.surrogates))
     print_warnings(console, [*counted, *run.sweep.cautions], "report.html")
-    for line in analysis.headline:
-        console.print(line, soft_wrap=True)
 
 
 def _short(value: object, form: str) -> str:

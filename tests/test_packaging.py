@@ -42,7 +42,7 @@ MAY_IMPORT = {
 }
 """Extras by package, "" being what every installation has."""
 
-BROUGHT = {"training": {"triton"}}  # by the builds of torch that are for GPUs
+BROUGHT = {"training": {"triton"}, "sweeps": {"triton"}}  # by the builds of torch that are for GPUs
 
 NOT_IMPORTED = {
     "cmaes": "Optuna's sampler of that name",
@@ -228,7 +228,7 @@ def test_init_writes_the_examples(tmp_path):
     for answer, code in (("", 2), ("n\n", 0)):
         result = init(answer)
         assert (result.exit_code, grid.read_text()) == (code, "my: grid\n"), result.output
-    assert "grid.yaml is there" in result.output
+    assert "grid.yaml exists" in result.output
     init("y\n")
     assert grid.read_bytes() == written["grid.yaml"]
 

@@ -68,7 +68,7 @@ def drive(console: Console, common: Common, store: Store, work: Work[T]) -> tupl
             results = work.compute(folder, backend, log, say)
         report = work.report(folder, results, log)
         if report is not None:
-            say(f"\nReport  {report}")
+            say(f"Report  {report}")
         say(f"MLflow  {ui_command(common.tracking_uri, log.page())}")
     return results, not log.undelivered and not log.refused
 

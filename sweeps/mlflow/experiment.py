@@ -4,9 +4,10 @@ import hashlib
 import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from typing import Literal
 
-from lidarplace.base.metrics import Overlaps, headline_metric, iou_of
+from lidarplace.base.metrics import headline_metric, iou_of
 from lidarplace.files.secret_urls import hide_secrets
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
@@ -15,7 +16,7 @@ from sweeps.plan.trial import DetectorTrial, Trial
 from sweeps.results.trial_results import axis_values
 from tracking.mlflow.content import Dataset
 
-_SHOWN_SURROGATES = ("expected_ig", "s_mig", "covered_entropy")
+_SURROGATES_OF_VIEW = ("s_mig", "expected_recall")
 _LONGEST_CONFIG = 4000
 """Characters of a configuration in a note; MLflow refuses longer ones, the artifacts have all."""
 
@@ -35,20 +36,33 @@ A sweep over LiDAR placements: one parent run, and a child run for every trained
 
 
 def columns(sweep: Sweep) -> list[str]:
-    """Name the columns of the experiment's page; the first orders the runs."""
+    """Name the columns of the experiment's page: placement, surrogates, AP, recall, the rest."""
     point = sweep.points[0].point
-    ious = point.own_ious()
-    first = [_column(name, ious) for name in point.classes]
-    names = [name for name in _SHOWN_SURROGATES if name in point.surrogate.names]
-    surrogates = [f"metrics.surrogate.{name}.{c}" for c in point.classes for name in names]
+    names = [name for name in _SURROGATES_OF_VIEW if name in point.surrogate.names]
+    first, *others = (
+        [*(f"metrics.surrogate.{name}.{c}" for name in names), headline_column(sweep, c)]
+        for c in point.classes
+    )
     axes = [f"params.{axis}" for axis in further_axes(sweep)]
     required = ["metrics.requirements_failed"] if sweep.common.requirements else []
-    return [*first, _column("all", ious), *required, *surrogates, *axes, "metrics.seconds"]
+    metrics = [*first, headline_column(sweep, "all"), *required, *chain(*others)]
+    return ["params.placement", *metrics, *axes, "metrics.seconds"]
 
 
-def _column(object_class: str, ious: Mapping[str, Overlaps]) -> str:
-    iou = iou_of(object_class, ious).strict
-    return f"metrics.{headline_metric(object_class)}.{object_class}.{iou:.2f}"
+def headline_column(sweep: Sweep, object_class: str = "") -> str:
+    """Name the column of the headline metric of a class, of the first one by default."""
+    point = sweep.points[0].point
+    name = object_class or point.classes[0]
+    iou = iou_of(name, point.own_ious()).strict
+    return f"metrics.{headline_metric(name)}.{name}.{iou:.2f}"
+
+
+def chart(sweep: Sweep) -> tuple[str, str] | None:
+    """Name the columns of the experiment's chart: AP of the first class over its S-MIG."""
+    point = sweep.points[0].point
+    has_both = point.detector is not None and "s_mig" in point.surrogate.names
+    x = f"metrics.surrogate.s_mig.{point.classes[0]}"
+    return (x, headline_column(sweep)) if has_both else None
 
 
 def note(source: Mapping[str, object], command: str, addresses: Iterable[str]) -> str:

@@ -23,7 +23,7 @@ from tracking.labels import digits
 MOST_NAMED = 8
 """Of the rigs of a kind of caution."""
 
-MOST_PAIRS = 3
+MOST_PAIRS = 1
 """Of LiDARs of a rig that look into each other."""
 
 LEAST_COVERED = 0.01

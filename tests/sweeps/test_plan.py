@@ -339,7 +339,7 @@ def test_cautions_name_rigs_beyond_what_the_generalist_has_seen(tmp_path):
     rigs = {"placements": high | named, "placement": "high", "vehicle": []}
     plan = plan_of(tmp_path, **generalist, **rigs)
     coincide, facing, outside = rig_cautions(plan)
-    pairs = "high (1 and 2, 1 and 3, 1 and 4, 3 pairs more)"
+    pairs = "high (1 and 2, 5 pairs more)"
     assert facing.startswith(f"LiDARs look into each other in 1 rig: {pairs}. ")
     assert coincide.startswith("Rings of LiDARs coincide in 1 rig: high (")
     assert "pitches of −0.75, −0.25, +0.25, +0.75 degrees" in coincide

@@ -193,9 +193,9 @@ def test_no_page_is_surer_than_the_weakest_link(run, tmp_path):
         assert "Recommended" not in first
         assert "--set 'grid.seed=[1,2,3]'" in first
     terminal = Analysis(RunFolder.read(folder)).headline
-    assert terminal[0].startswith("Not enough evidence to recommend a rig: ")
-    assert terminal[-2].startswith("A short training")
-    assert terminal[-1].startswith("For more evidence, run: lidarplace run ")
+    assert terminal[-1].startswith("Not enough evidence to recommend a rig: ")
+    assert ". A short training" in terminal[-2]
+    assert terminal[0].startswith("For more evidence, run: lidarplace run ")
     markdown = (folder / "report.md").read_text(encoding="utf-8")
     assert "--set 'grid.seed=[1,2,3]'" in markdown
     assert "Reasons for doubt: " in markdown

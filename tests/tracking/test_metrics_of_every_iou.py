@@ -102,12 +102,12 @@ def test_rungs_and_objectives_may_ask_for_them():
 
 
 def test_mlflow_has_them_and_surrogates_by_name_and_class():
-    rows = [("AP_R40_3D", "Car", 0.7, 20.0), ("mean_overlap", "all", EVERY_IOU, 60.0)]
+    rows = [("AP_R40_3D", "Car", 0.7, 19.99623), ("mean_overlap", "all", EVERY_IOU, 60.0)]
     results = pd.DataFrame(rows, columns=["metric", "class", "iou", "value"])
     columns = ["surrogate", "class", "value"]
-    surrogates = pd.DataFrame([("s_mig", "Pedestrian", -3.0)], columns=columns)
+    surrogates = pd.DataFrame([("s_mig", "Pedestrian", -30123.456)], columns=columns)
     named = {"AP_R40_3D.Car.0.70": 20.0, "mean_overlap.all": 60.0}
-    assert trial_metrics(results, surrogates) == named | {"surrogate.s_mig.Pedestrian": -3.0}
+    assert trial_metrics(results, surrogates) == named | {"surrogate.s_mig.Pedestrian": -30123.0}
 
 
 def test_the_report_tells_how_reliable_each_metric_is(run):

@@ -76,17 +76,22 @@ def test_system_metrics_go_on_after_a_stop_and_come_once(uri, tmp_path, monkeypa
 
 def test_the_view_of_the_page_is_the_experiments(uri, tmp_path):
     columns = ["metrics.AP_R40_3D.Car.0.70", "params.scene.density"]
-    with logging(uri, tmp_path, columns=columns, ascending=True, about="What it is") as log:
+    of_page = {"columns": columns[::-1], "order_by": columns[0], "about": "What it is"}
+    chart = ("metrics.surrogate.s_mig.Car", columns[0])
+    with logging(uri, tmp_path, **of_page, ascending=True, chart=chart) as log:
         page = log.page()
     experiment = client(uri).get_experiment_by_name("demo")
     parent = runs_of(uri)["demo"].info.run_id
     begin = f"/#/experiments/{experiment.experiment_id}/runs?viewStateShareKey=lidarplace"
     assert page.startswith(begin)
     state = json.loads(experiment.tags[VIEW_TAG])
-    assert state["selectedColumns"][1] == "params.`scene.density`"
+    assert state["selectedColumns"][0] == "params.`scene.density`"
     assert state["orderByKey"] == "metrics.`AP_R40_3D.Car.0.70`"
     assert (state["runsExpanded"], state["orderByAsc"]) == ({parent: True}, True)
     assert experiment.tags["mlflow.note.content"] == "What it is"
+    (card,), (section,) = state["compareRunCharts"], state["compareRunSections"]
+    assert card["metricSectionId"] == section["uuid"]
+    assert (card["xaxis"]["key"], card["yaxis"]["key"]) == tuple(c[8:] for c in chart)
 
 
 def git(folder, *words):

@@ -26,7 +26,9 @@ class ParentRun:
     about: str = ""  # of the experiment's
     # what the experiment's page shows of every run, by MLflow's names, such as "metrics.seconds"
     columns: Sequence[str] = ()
-    ascending: bool = False  # the first column orders the runs, the lowest on top if this is true
+    order_by: str = ""  # the column that orders the runs, the highest on top; the first by default
+    ascending: bool = False  # the lowest on top
+    chart: tuple[str, str] | None = None  # columns of metrics, of the page's scatter: x and y
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[\w.-]+", self.key):  # MLflow's filters know no escape
@@ -82,15 +84,16 @@ def trial_metrics(results: pd.DataFrame, surrogates: pd.DataFrame) -> dict[str, 
     """Name the metrics of one trial as in MLflow: `AP_R40_3D.Car.0.70`, `mean_overlap.Car`.
 
     `results` are rows of this trial; `surrogates` of its placement at its setting of the further
-    axes: `surrogate.s_mig.Car`."""
+    axes: `surrogate.s_mig.Car`. MLflow's pages have every digit of a number: percentages are
+    rounded to two decimals, surrogates to five significant digits; tables have all."""
     named = {
         f"{row['metric']}.{row['class']}"
-        + ("" if row["iou"] == EVERY_IOU else f".{row['iou']:.2f}"): float(row["value"])
+        + ("" if row["iou"] == EVERY_IOU else f".{row['iou']:.2f}"): round(float(row["value"]), 2)
         for row in results.to_dict("records")
     }
     columns = (surrogates[name].tolist() for name in ("surrogate", "class", "value"))
     return named | {
-        f"surrogate.{name}.{object_class}": float(value)
+        f"surrogate.{name}.{object_class}": float(f"{value:.5g}")
         for name, object_class, value in zip(*columns, strict=True)
     }
 

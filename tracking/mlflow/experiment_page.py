@@ -2,11 +2,11 @@
 
 import json
 import subprocess
-from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
 import tracking
+from tracking.mlflow.content import ParentRun
 
 NOTE_TAG = "mlflow.note.content"
 VIEW = "lidarplace"  # name of the view, in the page's address
@@ -14,19 +14,38 @@ _PIXELS = 7  # of a letter in the head of a column
 VIEW_TAG = f"mlflow.sharedViewState.{VIEW}"
 
 
-def view(columns: Sequence[str], ascending: bool, parent: str) -> str:
-    """Write the state of the page's table as MLflow's UI keeps it: columns, order, open runs.
+def view(content: ParentRun, parent: str) -> str:
+    """Write the state of the page as MLflow's UI keeps it: columns, order, open runs, a chart.
 
-    `columns` are by MLflow's names, such as "metrics.seconds"; the first orders. The children of
-    the run whose id `parent` is are shown."""
-    ids = [f"{kind}.`{key}`" for kind, key in (name.split(".", 1) for name in columns)]
+    `parent` is the id of the run whose children are listed."""
+    ids = [_quoted(name) for name in content.columns]
     names = "attributes.`Run Name`"
     widths = {names: 300} | {i: _PIXELS * len(i) for i in ids}
     selection = {"selectedColumns": ids, "columnOrder": [names, *ids], "columnWidths": widths}
-    order = {"orderByKey": ids[0], "orderByAsc": ascending, "runsExpanded": {parent: True}}
+    order = {
+        "orderByKey": _quoted(content.order_by or content.columns[0]),
+        "orderByAsc": content.ascending,
+    }
     every = {"searchFilter": "", "startTime": "ALL", "datasetsFilter": []}
     every |= {"lifecycleFilter": "Active", "modelVersionFilter": "All Runs"}
-    return json.dumps({**selection, **order, **every})
+    state = {**selection, **order, **every, "runsExpanded": {parent: True}}
+    return json.dumps(state | _chart(content.chart) if content.chart else state)
+
+
+def _quoted(column: str) -> str:
+    kind, key = column.split(".", 1)
+    return f"{kind}.`{key}`"
+
+
+def _chart(columns: tuple[str, str]) -> dict[str, object]:
+    """Make the state of MLflow's chart view: a section with a scatter of two metrics."""
+    x, y = (column.split(".", 1)[1] for column in columns)
+    common = {"isGenerated": False, "deleted": False}
+    axes = {"xaxis": {"type": "METRIC", "key": x}, "yaxis": {"type": "METRIC", "key": y}}
+    card = {"uuid": f"{VIEW}-scatter", "type": "SCATTER", "metricSectionId": VIEW, **common, **axes}
+    section = {"uuid": VIEW, "name": f"{y} over {x}", "display": True, "isReordered": False}
+    charts = {"compareRunCharts": [card], "compareRunSections": [section | common]}
+    return {**charts, "runsHiddenMode": "SHOWALL"}
 
 
 def page_of(experiment: str, has_view: bool) -> str:

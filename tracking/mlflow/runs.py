@@ -268,7 +268,7 @@ class SweepRuns:
         self._client.log_batch(run.info.run_id, params=new[0], tags=new[1])
         page = {NOTE_TAG: wanted.about} if wanted.about else {}
         if wanted.columns:
-            page[VIEW_TAG] = view(wanted.columns, wanted.ascending, run.info.run_id)
+            page[VIEW_TAG] = view(wanted, run.info.run_id)
         experiment_tags = self._client.get_experiment(self._experiment).tags
         for name, value in _new(page, experiment_tags).items():
             self._client.set_experiment_tag(self._experiment, name, value)

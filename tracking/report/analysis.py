@@ -100,11 +100,13 @@ class Analysis:
 
     @property
     def headline(self) -> list[str]:
-        """Lines of the answer that a terminal shows; [] without results."""
+        """Lines of the answer in a terminal, the answer last; [] without results."""
         if (answer := self.answer) is None:
             return []
         more = [f"For more evidence, run: {answer.command}"] if answer.command else []
-        return [f"{answer.grade}: {answer.best}", *answer.leads, answer.certainty, *more]
+        *leads, last = answer.leads
+        why = f"{last} {answer.certainty}".rstrip()
+        return [*more, *leads, why, f"{answer.grade}: {answer.best}"]
 
     @cached_property
     def order(self) -> list[str]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import optuna
+from optuna.exceptions import ExperimentalWarning
 from optuna.storages import BaseStorage, JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
@@ -93,6 +94,8 @@ def open_study(
         sampler=Repeatable(settings.sampler, settings.seed, len(first)),
         load_if_exists=True,
     )
+    with warnings.catch_warnings(action="ignore", category=ExperimentalWarning):
+        study.set_metric_names([objective.name for objective in settings.objective])
     # A stop may have come between two of them.
     for params in first[len(study.get_trials(deepcopy=False)) : settings.trials]:
         study.enqueue_trial(dict(params))
