@@ -141,6 +141,7 @@ def _sections(
     first = Section("Requirements", [counted(worst), ALONE], tables=[verdict_table(worst, ["rig"])])
     if len(pictured) < len(worst):
         first.notes.append(f"Pictures of {len(pictured)} of them, those that fail first.")
+    first.notes += [COLOURS] if len(pictured) else []
     yield first
     for layout in check.layouts:
         name = layout.requirement.name
@@ -157,4 +158,4 @@ def _sections(
             for row in pictured[pictured["requirement"] == name].to_dict("records")
         ]
         if figures:
-            yield Section(name, notes=[COLOURS], figures=figures)
+            yield Section(name, figures=figures)

@@ -169,7 +169,7 @@ def test_a_certificate_is_kept_until_the_problem_changes(tmp_path):
         ({"objective": {"by": "expected_ig", "direction": "minimize"}}, "not monotone"),
         ({"objective": "residual_entropy"}, "covered_entropy asks for the same"),
         ({"objective": ["expected_ig", "price"]}, "several objectives"),
-        ({"greedy": None}, "greedy is null"),
+        ({"greedy": None}, "set search.greedy"),
     ],
 )
 def test_where_there_is_no_bound_it_says_why(tmp_path, changes, reason):

@@ -226,7 +226,7 @@ def test_the_command_writes_a_rig_that_a_requirements_file_takes(tmp_path):
     cells = re.findall(r"<td[^>]*>([^<]*)</td>", page)
     assert [cell.partition(" at x")[0] for cell in cells].count("somebody ahead") == 3
     assert cells[cells.index("together") :][:5] == ["together", "2", "–", "–", "5"]
-    assert "Least price, proven for the grid" in page
+    assert "Least price, proven for the grid: " in page
     assert "no rig of the grid costs less than 5" in page
 
 

@@ -43,7 +43,7 @@ CASES = {
 def commands_in(text: str) -> set[str]:
     """Those in text, at the end of a line, and in pages."""
     lines = re.findall(r"(?:^|: |^MLflow  )(lidarplace .+)$", text, re.MULTILINE)
-    lines += re.findall(r"<pre>(lidarplace .+?)</pre>", text, re.DOTALL)
+    lines += re.findall(r'<pre class="command">(lidarplace .+?)</pre>', text, re.DOTALL)
     return {html.unescape(line) for line in lines}
 
 

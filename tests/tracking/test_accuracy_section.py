@@ -22,7 +22,7 @@ def test_fewer_than_three_placements_have_no_ranking(run, count):
     few = run.accuracy[run.accuracy["placement"].isin(NAMES[:count])]
     few = few.assign(seconds=few["seconds"].mask(few["reference"], 2.0))
     note = section_of(run, few).notes[0]
-    assert note.startswith("Car: 0.5 m, cone: 0.01 s a placement, error 0 % from 0.25 m")
+    assert note.startswith("Car: 0.5 m, cone: 0.01 s a placement, error 0 % against 0.25 m")
     assert note.endswith("faster ones; too few different values of S-MIG for a ranking.")
 
 

@@ -143,7 +143,7 @@ def test_what_the_search_did_not_make_is_left_out(tmp_path):
     page = page_of(write_search(tmp_path / "bare", complete=False, **less))
     assert sections(page) == [TITLES[i] for i in (0, 2, 8)]
     assert "Feasible: there were no constraints." in page.words
-    assert f"No upper bound: {reason}" in page.words
+    assert f"No upper bound: {reason}." in page.words
 
 
 def test_without_a_feasible_rig_it_tells_the_nearest_and_what_none_kept(tmp_path):
@@ -236,7 +236,7 @@ def test_several_objectives_have_a_front(tmp_path):
     page = page_of(folder)
     of = f"{len(best)} of 54 rigs of the Pareto front"
     assert f"{of}, the first is found_1" in page.words
-    assert f"{of}: whoever improves one objective makes another one worse." in page.words
+    assert f"{of}: a rig that is better in one objective is worse in another." in page.words
 
 
 def test_a_page_of_2000_trials_stays_small(tmp_path):

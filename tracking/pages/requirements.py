@@ -36,7 +36,7 @@ def counted(worst: pd.DataFrame) -> str:
     """Count the verdicts that are failures, and those that are not sure, a sentence."""
     undecided = int((worst["undecided"] > 0).sum())
     failed = int((~worst["met"]).sum()) - undecided
-    further = f", {undecided} undecided" if undecided else ""
+    further = f", {undecided} undecided (finer positions decide)" if undecided else ""
     return f"{failed or 'None'} of {len(worst)} verdicts fail{'s' * (failed <= 1)}{further}."
 
 
@@ -45,7 +45,7 @@ def verdict(row: Mapping[Any, Any]) -> str:
     if row["met"]:
         return "pass"
     if row["undecided"] > 0:
-        return f"within {100 * row['undecided']:.2g} points: finer positions decide"
+        return f"undecided by {100 * row['undecided']:.2g} points"
     return "FAIL"
 
 
@@ -58,9 +58,9 @@ def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Ta
         words("requirement"),
         Column("verdict", verdict, words=True),
         Column("needed", _needed),
-        Column("found", lambda row: number(row["value"], 4)),
-        Column("short by", lambda row: number(row["short_by"], 4) if row["short_by"] > 0 else ""),
-        Column("enough at", lambda row: f"{100 * row['enough']:.4g} %"),
+        Column("found", lambda row: number(row["value"], 4 if row["value"] >= 1000 else 3)),
+        Column("short by", lambda row: number(row["short_by"], 3) if row["short_by"] > 0 else ""),
+        Column("enough at", lambda row: f"{100 * row['enough']:.3g} %"),
         Column("worst place", _place, words=True),
         words("when", "case"),
     ]

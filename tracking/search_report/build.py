@@ -179,7 +179,7 @@ def _pareto(run: SearchFolder) -> Section | None:
         note = f"The front is a single rig, {search.best[0]}: no other is better in {names}."
         return Section("Pareto front", [note])
     notes = [
-        f"{headline.of_front(search)}: whoever improves one objective makes another one worse."
+        f"{headline.of_front(search)}: a rig that is better in one objective is worse in another."
     ]
     if search.strided:
         notes.append(f"All values here are as searched, with {search.strided}.")

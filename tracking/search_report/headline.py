@@ -174,7 +174,7 @@ def _against_bound(search: SearchResult) -> list[str]:
     if bound is None or search.first.unit == "%":  # there is none of what detectors measure
         return []
     if bound.value is None:
-        return [f"No upper bound: {bound.reason}"] if bound.reason else []
+        return [f"No upper bound: {bound.reason}."] if bound.reason else []
     among = f"of {bound.candidates:,} candidate mounts" if bound.candidates else "of the candidates"
     best = bound.best_value
     limit = with_unit(search.first, bound.value)
@@ -200,8 +200,9 @@ def effort(search: SearchResult) -> str:
     lines = [
         f"{search.evaluations:,} evaluations in batches of {search.batch_size}.",
         f"{search.feasible:,} of {search.trials:,} trials are feasible.",
-        f"{search.repeated:,} repeated a rig and were not evaluated again.",
     ]
+    if search.repeated:
+        lines.append(f"{search.repeated:,} repeated a rig and were not evaluated again.")
     if busy:
         lines.append(
             f"Time of the last command: sampler {search.sampler_seconds:,.1f} s, evaluations "

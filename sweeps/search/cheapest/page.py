@@ -55,7 +55,6 @@ def _card(answer: CheapestAnswer) -> Card:
     if answer.rig is None:
         lines += [_lacks(answer)] if answer.listed else ["No candidate keeps the constraints."]
         return Card("Result", "No rig passes", tuple(lines))
-    lines.append(f"{_models(answer.rig)}.")
     if answer.mirrored:
         lines.append(pairs_sentence(answer.mirrored))
     if len(answer.worst):
@@ -67,7 +66,7 @@ def _card(answer: CheapestAnswer) -> Card:
     cost = cost_text(answer.problem, cost_of(answer.rig, answer.problem))
     by = answer.problem.file.search.cheapest.by
     proven = "proven for the grid" if answer.chosen.gap == 0.0 else "not proven"
-    return Card(f"Least {by}, {proven}", cost, tuple(lines))
+    return Card(f"Least {by}, {proven}: {cost}", _models(answer.rig), tuple(lines))
 
 
 def _lacks(answer: CheapestAnswer) -> str:
@@ -126,8 +125,8 @@ def _lidars(answer: CheapestAnswer) -> Section | None:
     if answer.rig is None:
         return Section("The closest rig", [_lacks(answer)], tables=[table])
     note = (
-        "It names what fails first without the LiDAR; where nothing does, without "
-        "the LiDAR and its mirror image."
+        "A requirement in the table fails first without the LiDAR; where none does, without the "
+        "LiDAR and its mirror image."
     )
     return Section("Why each LiDAR is there", [note], tables=[table])
 

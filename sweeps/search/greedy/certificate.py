@@ -73,7 +73,7 @@ def why_none(problem: SearchProblem) -> str | None:
     """Return why this search has no bound; None if it has one."""
     search = problem.file.search
     if search.greedy is None:
-        return "search.greedy is null"
+        return "set search.greedy"
     if len(search.objective) > 1:
         return "several objectives have no single best value"
     objective = search.objective[0]

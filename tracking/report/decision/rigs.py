@@ -144,7 +144,10 @@ def _views(
         y=list(number),
         mode="markers+text",
         marker={"size": 9, "color": [*map(lidar_colour, number)], "symbol": [*map(symbol, number)]},
-        text=[f" {_pose(mount)}" + (f" · {model}" if model else "") for mount, model in both],
+        text=[
+            f" {i}: {_pose(mount)}" + (f" · {model}" if model else "")
+            for i, (mount, model) in enumerate(both, start=1)
+        ],
         textposition="middle right",
         textfont={"size": 11},
         cliponaxis=False,

@@ -61,16 +61,16 @@ def _choice(summary: pd.DataFrame) -> str:
     reference = rows[rows["reference"]].iloc[0]
     faster = rows[rows["seconds"] < reference["seconds"]]
     alike = faster[faster["kendall"] > 1 - 1e-9]
-    as_fine = f"{reference['resolution']:g} m, {reference['seconds']:.2g} s"
+    as_fine = f"{reference['resolution']:g} m ({reference['seconds']:.2g} s)"
     if len(alike):
-        return f"{_cost(alike.iloc[0], reference)}, ranks as at {as_fine}."
+        return f"choose {_cost(alike.iloc[0], reference)}, ranks as at {as_fine}."
     if np.isfinite(reference["kendall"]):
-        return f"no faster {surrogate_name(name)} ranks the placements as the finest, {as_fine}."
+        return f"no faster {surrogate_name(name)} ranks the placements as at {as_fine}."
     why = f"too few different values of {surrogate_name(name)} for a ranking"
     if faster["median_error"].isna().all():
         return f"{why}."
     closest = faster.loc[faster["median_error"].idxmin()]
-    return f"{_cost(closest, reference)} from {as_fine}, the least of all faster ones; {why}."
+    return f"{_cost(closest, reference)} against {as_fine}, the least of the faster ones; {why}."
 
 
 def _cost(row: pd.Series, reference: pd.Series) -> str:
