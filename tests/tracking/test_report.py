@@ -192,10 +192,10 @@ def test_studies_of_some_placements_say_of_which(made_up_run, built, tmp_path):
         table = pd.read_parquet(folder / f"{name}.parquet")
         table = table[table["placement"].isin(["line", "trapezoid"])]
         table.to_parquet(folder / f"{name}.parquet", index=False)
-    sentence = "Worked out for 2 of 5 placements: line, trapezoid."
+    sentence = "Computed for 2 of 5 placements: line, trapezoid."
     report_of(folder, "accuracy", "sampling_error")
     assert (folder / "report.md").read_text(encoding="utf-8").count(sentence) == 2
-    assert "Worked out for" not in built.with_suffix(".md").read_text(encoding="utf-8")
+    assert "Computed for" not in built.with_suffix(".md").read_text(encoding="utf-8")
 
 
 def test_without_times_or_cores_there_is_no_efficiency(run):
