@@ -315,7 +315,7 @@ def test_the_fastest_that_ranks_alike_is_named_with_its_error(built):
     alike = summary[(summary["kendall"] == 1) & (summary["seconds"] < reference["seconds"])]
     sentence = section.notes[0]
     assert sentence.startswith("Car: ")
-    assert f"{reference['resolution']:g} m, {reference['seconds']:.2g} s." in sentence
+    assert f"{reference['resolution']:g} m ({reference['seconds']:.2g} s)." in sentence
     if alike.empty:
         assert "no faster S-MIG ranks" in sentence
     else:
