@@ -79,7 +79,8 @@ def _heading_columns(yaw: np.ndarray, manner: Manner, name: str) -> dict[str, np
         parts = {"w": np.cos(half), "x": 0 * half, "y": 0 * half, "z": np.sin(half)}
         return {f"{name}_q{key}": part for key, part in parts.items()}
     start, next_one = _angles(np.array([0.0, 0.1]), manner)  # linear: whole turns stay
-    return {name: (start + yaw * round((next_one - start) / 0.1)) * ANGLE[manner.angle]}
+    sign = 1 if math.remainder(next_one - start, 2 * math.pi) > 0 else -1
+    return {name: (start + yaw * sign) * ANGLE[manner.angle]}
 
 
 def write_in_manner(log: BoxLog, manner: Manner) -> pd.DataFrame:

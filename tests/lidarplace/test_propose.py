@@ -45,6 +45,27 @@ def test_world_and_poses_are_guessed(tmp_path):
     assert guess["poses"] == named | {"position": "m", "angle": "deg"}
 
 
+@pytest.mark.parametrize("ends", ["_x _y _z _w", ".w .x .y .z", ".0 .1 .2 .3"])
+@pytest.mark.parametrize("name", ["rotation", "orientation", "heading"])
+def test_parts_of_a_quaternion_are_no_yaw(tmp_path, name, ends):
+    """Neither of boxes nor of the vehicle, although `rotation_z` alone is one."""
+    table = write_in_manner(traffic(1), Manner(heading="quaternion", coordinates="world"))
+    order = "xyzw" if ends.startswith("_x") else "wxyz"
+    expected = {}
+    for of, new in (("heading", name), ("host_heading", f"ego_{name}")):
+        columns = {
+            f"{of}_q{axis}": f"{new}{end}" for axis, end in zip(order, ends.split(), strict=True)
+        }
+        parts = table[[*columns]].rename(columns=columns)
+        table = table.drop(columns=[*columns]).join(parts)
+        expected[of] = {axis: columns[f"{of}_q{axis}"] for axis in order}
+    table.to_csv(tmp_path / "labels.csv", index=False)
+    guess = parse_yaml(propose_mapping(tmp_path / "labels.csv"))
+    assert guess["columns"]["quaternion"] == expected["heading"]
+    assert guess["poses"]["quaternion"] == expected["host_heading"]
+    assert "yaw" not in guess["columns"] | guess["poses"]
+
+
 @pytest.mark.parametrize(
     "names",
     [

@@ -47,12 +47,13 @@ def propose_mapping(path: Path) -> str:
     if table.empty:
         raise InputError("no rows", place=path)
     table.columns = table.columns.map(str)
-    columns = guess_columns(list(table.columns))
+    quaternions = _quaternions(table)
+    columns = guess_columns([name for name in table.columns if name not in quaternions.values()])
+    for key in [key for key in ("yaw", "poses.yaw") if f"{key[:-3]}quaternion.w" in quaternions]:
+        columns.pop(key, None)
+    columns |= quaternions
     if "time" in columns:
         columns.pop("frame", None)
-    columns = {**columns, **_quaternion(table, columns)}
-    if "quaternion.w" in columns:
-        columns.pop("yaw", None)
     head = f"# A guess from names and values of {path.name}: check every line of it."
     proposal = _Proposal(table, columns)
     lines = [head, *proposal.lines(), ""]
@@ -65,24 +66,32 @@ def propose_mapping(path: Path) -> str:
     return "\n".join([*lines[:-1], *convention_lines(log, mapping), ""])
 
 
-def _quaternion(table: pd.DataFrame, columns: Mapping[str, str]) -> dict[str, str]:
-    """Return four columns in a row that are quaternions by their length, and not named for more.
+def _quaternions(table: pd.DataFrame) -> dict[str, str]:
+    """Return four columns in a row that are quaternions by their length, of boxes and of poses.
 
-    Of the orders w, x, y, z and x, y, z, w the one in which objects are upright."""
-    rest = [name for name in table.columns if name not in columns.values()]
-    for four in zip(rest, rest[1:], rest[2:], rest[3:], strict=False):
+    Of the orders w, x, y, z and x, y, z, w the one in which objects are upright, unless named."""
+    quaternions: dict[str, str] = {}
+    names = list(table.columns)
+    for four in zip(names, names[1:], names[2:], names[3:], strict=False):
         if not all(pd.api.types.is_numeric_dtype(table[name]) for name in four):
             continue
-        values = table[list(four)].to_numpy(np.float64)
-        if not (np.abs(np.linalg.norm(values, axis=1) - 1) <= MOST_OFF).all():
+        values = table[list(four)].dropna(how="all").to_numpy(np.float64)
+        off = np.abs(np.linalg.norm(values, axis=1) - 1)
+        ends = "".join(plain(name)[-1] for name in four)
+        if not len(values) or not (off <= MOST_OFF).all():
             continue
-        named = {plain(name)[-1]: name for name in four}
-        if {*named} == {*"wxyz"}:
-            return {f"quaternion.{axis}": name for axis, name in named.items()}
-        tilt = [np.abs(values[:, columns_of]).sum() for columns_of in ([1, 2], [0, 1])]
-        order = "wxyz" if tilt[0] < tilt[1] else "xyzw"
-        return {f"quaternion.{axis}": name for axis, name in zip(order, four, strict=True)}
-    return {}
+        if {*ends} == {*"wxyz"}:
+            order = ends
+        elif np.isin(values, (0, 1)).all() and ends != "0123":
+            continue  # marks of four kinds
+        else:
+            tilt = [np.abs(values[:, columns_of]).sum() for columns_of in ([1, 2], [0, 1])]
+            order = "wxyz" if tilt[0] < tilt[1] else "xyzw"
+        of_poses = re.match("(ego|host|vehicle)(_|$)", plain(four[0]))
+        start = "poses.quaternion" if of_poses else "quaternion"
+        if f"{start}.w" not in quaternions:
+            quaternions |= {f"{start}.{axis}": n for axis, n in zip(order, four, strict=True)}
+    return quaternions
 
 
 class _Proposal:
@@ -97,7 +106,8 @@ class _Proposal:
         x, y, z = (self._numbers(axis) for axis in "xyz")
         ego_x, ego_y, ego_z = (self._numbers(f"poses.{axis}") for axis in "xyz")
         relative = np.hypot(x - ego_x, y - ego_y)
-        self.has_poses = {"poses.x", "poses.y", "poses.yaw"} <= columns.keys()
+        heading = "poses.yaw" in columns or "poses.quaternion.w" in columns
+        self.has_poses = heading and {"poses.x", "poses.y"} <= columns.keys()
         self.in_world = self.has_poses and _median(relative) < 0.5 * _median(np.hypot(x, y))
         distance = _median(relative if self.in_world else np.hypot(x, y))
         longest = np.max([self._numbers(side) for side in SIZE], axis=0)
@@ -160,8 +170,7 @@ class _Proposal:
             if key in self.columns:
                 yield f"  {key}: {_text(self.columns[key])}"
             elif key == "yaw" and "quaternion.w" in self.columns:
-                names = (f"{a}: {_text(self.columns[f'quaternion.{a}'])}" for a in "xyzw")
-                yield f"  quaternion: {{{', '.join(names)}}}   # of length 1"
+                yield self._quaternion("quaternion")
             elif key in REQUIRED or (key == "time" and "frame" not in self.columns):
                 others = _text(", ".join(rest) or "none")
                 yield f"  {key}:   # write the name of a column here; other columns: {others}"
@@ -187,8 +196,15 @@ class _Proposal:
         for key in ("x", "y", "z", "yaw"):
             if f"poses.{key}" in self.columns:
                 yield f"  {key}: {_text(self.columns[f'poses.{key}'])}"
+        if "poses.quaternion.w" in self.columns:
+            yield self._quaternion("poses.quaternion")
         yield f"  position: {self.position.unit}   # as of boxes"
-        yield self._angle("poses.yaw")
+        if "poses.yaw" in self.columns:
+            yield self._angle("poses.yaw")
+
+    def _quaternion(self, key: str) -> str:
+        names = (f"{axis}: {_text(self.columns[f'{key}.{axis}'])}" for axis in "xyzw")
+        return f"  quaternion: {{{', '.join(names)}}}   # of length 1"
 
     def _classes(self) -> Iterator[str]:
         yield "classes:   # Car, Cyclist, Pedestrian, any name (Truck), or null to leave it out"
