@@ -53,7 +53,8 @@ def studio_content(raw: Mapping[str, Any], rigs: Mapping[str, Any]) -> dict[str,
 
     A studio knows models by their names in the catalogue. Bounds of models without such a name, or
     that share one, are left out. Fixed LiDARs have zones, and count, too."""
-    search, content = raw["search"], {"placements": dict(rigs)}
+    search = raw["search"]
+    content: dict[str, Any] = {"placements": dict(rigs)}
     keys = ("vehicle", "keep_out", "constraints", "requirements")
     content |= {key: deepcopy(search[key]) for key in keys if search.get(key)}
     if raw.get("allow_blind_lidars"):

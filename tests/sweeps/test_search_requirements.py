@@ -85,7 +85,7 @@ def test_a_requirement_that_no_rig_meets(tmp_path, objective):
     enough = folder.trials["enough.requirement.a child behind"]
     first = (
         f"No rig meets the requirement 'a child behind': the closest, trial {enough.idxmax()}, has "
-        f"0 of 10 points; {100 * enough.max():.0f} % of the positions have enough"
+        f"0 of 10 points; {100 * enough.max():.0f} % of the area has enough"
     )
     assert 0 < enough.max() < 1
     after = printed[printed.index("trials 6/6") :].splitlines()
