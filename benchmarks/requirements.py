@@ -75,8 +75,9 @@ def main() -> None:
             check_requirements([own], rig, CAR)
         seconds = time.process_time() - start
         whole += seconds
+        objects = 0 if own.roi else int((own.boxes[:, :, 0] < float("inf")).sum())
         print(
-            f"{own.requirement.name:14s}{own.positions.held.sum():11,d}{own.objects:9,d}"
+            f"{own.requirement.name:14s}{own.positions.held.sum():11,d}{objects:9,d}"
             f"{1e3 * seconds / len(rigs):10.0f}"
         )
     print(f"{len(laid) * len(rigs) / whole:.1f} requirements a second")

@@ -223,10 +223,11 @@ def expected_share(
 
     `rays` are their numbers, `ranges` their distances to an object of the class, metres, of the
     same shape."""
-    beams, correction = beams_of(lidar), lidar.correction or Correction()
-    share = correction.factors_of([object_class])[0] * np.exp(-beams.loss * ranges)
-    if len(beams.mask):
-        share = share * beams.mask[rays]
+    correction = lidar.correction or Correction()
+    share = correction.factors_of([object_class])[0] * np.exp(-correction.loss * ranges)
+    if correction.mask is not None:
+        masks = [beams_of(block).mask for _, block, _ in blocks(Mount(), lidar)]
+        share = share * np.concatenate(masks)[rays]
     return np.asarray(np.minimum(share, 1.0) * (1.0 - lidar.drop_off))
 
 

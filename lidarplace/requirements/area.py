@@ -1,7 +1,5 @@
 """Parts of the ground around a vehicle, and the grid of positions over them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -77,20 +75,17 @@ class Area:
 
 @dataclass(frozen=True, eq=False)
 class Positions:
-    """A rectangular grid, and which of its points are around something of an area."""
+    """A rectangular grid, and which of its points are in an area."""
 
     x: NDArray[np.float64]  # of its lines, metres, shape (nx,)
     y: NDArray[np.float64]  # the same, shape (ny,)
     held: NDArray[np.bool_]  # whether a point belongs to the area, shape (nx, ny)
-    points: NDArray[np.float64]  # places in the area, shape (P, 2), in the order of `held`
 
-    @classmethod
-    def on_grid(
-        cls, x: NDArray[np.float64], y: NDArray[np.float64], held: NDArray[np.bool_]
-    ) -> Positions:
-        """Return the points of a grid that belong to an area."""
-        i, j = np.nonzero(held)
-        return cls(x, y, held, np.stack([x[i], y[j]], axis=1))
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """Points in the area, shape (P, 2), in the order of `held`."""
+        i, j = np.nonzero(self.held)
+        return np.stack([self.x[i], self.y[j]], axis=1)
 
 
 def grid_over(area: Area, vehicle: Vehicle, step: float) -> Positions:
@@ -106,7 +101,7 @@ def grid_over(area: Area, vehicle: Vehicle, step: float) -> Positions:
     held = area.holds(x[:, None], y[None, :], vehicle)
     if not held.any():
         raise InputError("is empty: no place is within all of its limits", key="where")
-    return Positions.on_grid(x, y, held)
+    return Positions(x, y, held)
 
 
 def distance_from(

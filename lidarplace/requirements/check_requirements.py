@@ -1,6 +1,6 @@
 """Check of requirements under a rig: met if enough positions of an object have enough.
 
-Each place counts in its worst heading, as the rig is built and in every further case that a
+Each position counts in its worst heading, as the rig is built and in every further case that a
 requirement names."""
 
 import itertools
@@ -27,7 +27,6 @@ from lidarplace.requirements.rays_on_objects import (
     count_points,
     sights_of,
 )
-from lidarplace.requirements.refine import Refinement
 from lidarplace.requirements.requirement import (
     AS_BUILT,
     KIND_OF,
@@ -35,6 +34,7 @@ from lidarplace.requirements.requirement import (
     Measure,
     PlacedObject,
     Requirement,
+    may_fail,
 )
 from lidarplace.rigs.further_sensors import Kind, MountedSensor
 from lidarplace.rigs.placement import Placement
@@ -51,9 +51,6 @@ class CaseResult:
     y: float
     heading: float | None  # the worst there, radians; None for coverage
     at_worst: float  # what is there
-    undecided: float = 0.0
-    """Width of the interval of `enough`, of which `enough` is the lower end, if the share that
-    counts is in it; 0: the verdict is sure."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,16 +65,12 @@ class RequirementResult:
 
     @property
     def worst(self) -> CaseResult:
-        """The case with the least value, a sure failure first; of equal ones the first."""
-        return min(self.cases, key=lambda case: (self.is_open(case), case.value))
-
-    def is_open(self, case: CaseResult) -> bool:
-        """Return whether a case does not surely fail."""
-        return case.undecided > 0 or case.value >= self.requirement.least
+        """The case with the least value; of equal ones the first."""
+        return min(self.cases, key=lambda case: case.value)
 
     @property
     def met(self) -> bool:
-        """Whether all cases surely have enough."""
+        """Whether all cases have enough."""
         return self.worst.value >= self.requirement.least
 
 
@@ -88,7 +81,6 @@ class _Case(NamedTuple):
     the numbers of those that work, first "" with all of them."""
 
     layout: RequirementLayout
-    pose: str
     rig: Placement
     vehicle: Vehicle
     further: Sequence[MountedSensor]
@@ -97,9 +89,6 @@ class _Case(NamedTuple):
     names: list[str]
     working: Mapping[str, Sequence[int]]
 
-
-NEAR_SHARE = 0.05
-"""Distance of a coverage from its limit below which phases of the voxels are compared."""
 
 _Measured = tuple[str, CaseResult, NDArray[np.float64]]
 """Name of a case, "" for the rig as it is, its result, and the value of every position."""
@@ -126,11 +115,12 @@ def check_requirements(
         least = np.full(int(layout.positions.held.sum()), np.inf)
         variants = requirement.also_when.variants(placement).items()
         for (pose, body), (variant, rig) in itertools.product(vehicle.poses.items(), variants):
+            around = replace(layout, boxes=layout.boxes_in(pose))
             kinds, names = _counting(requirement, rig, further)
             also = requirement.also_when if variant == AS_BUILT else AlsoWhen()
             working = also.left(names, kinds.count("lidar"))
             sights = partial(sights_once, rig, pose)
-            case = _Case(layout, pose, rig, body, further, sights, kinds, names, working)
+            case = _Case(around, rig, body, further, sights, kinds, names, working)
             if requirement.common_view is not None:
                 measured = _of_pairs(case, requirement.common_view)
             elif layout.roi is None:
@@ -167,33 +157,27 @@ def _counting(
 
 def _of_objects(case: _Case) -> Iterator[_Measured]:
     """Measure all LiDARs together; or several sensors, cameras and radars, each by itself."""
-    requirement, working = case.layout.requirement, [*case.working.values()]
-    sensors, kinds = requirement.sensors, requirement.kinds
-
-    def measure(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        if sensors is None:
-            return _of_lidars(case, requirement.measure, boxes, working)
-        each = _of_each(case, boxes)
-        several = [by_several(each, case.kinds, numbers, sensors, kinds) for numbers in working]
-        return np.stack(several, axis=1)
-
-    mounts = [*case.rig.mounts, *(sensor.mount for sensor in case.further)]
-    origins = np.array([mount.position for mount in mounts]).reshape(-1, 3)
-    refinement = Refinement(case.layout, case.pose, measure, origins)
-    field = refinement.values()
-    if field is None:
+    layout, requirement, placed = case.layout, case.layout.requirement, _placed(case)
+    free = ~np.isnan(layout.boxes[:, :, 0])
+    if not free.any():
         return
-    for number, label in enumerate(case.working):
-        verdict = refinement.verdict(field, number)
-        worst, values = verdict.worst, np.full(len(case.layout.positions.points), np.inf)
-        np.minimum.at(values, field.parts.positions, verdict.least)
-        x, y = field.parts.points[worst].tolist()
-        heading = float(_placed(case).angles[field.headings[worst, number]])
-        result = CaseResult(
-            "", verdict.value, verdict.enough, x, y, heading, float(verdict.least[worst]),
-            verdict.undecided,
-        )  # fmt: skip
-        yield label, result, values
+    boxes, working = layout.boxes[free], [*case.working.values()]
+    if requirement.sensors is None:
+        columns = [*_of_lidars(case, requirement.measure, boxes, working).T]
+    else:
+        each, sensors, kinds = _of_each(case, boxes), requirement.sensors, requirement.kinds
+        columns = [by_several(each, case.kinds, numbers, sensors, kinds) for numbers in working]
+    for label, column in zip(case.working, columns, strict=True):
+        by_heading = np.full(free.shape, np.inf)
+        by_heading[free] = column
+        values = by_heading.min(axis=0)
+        finite = values[np.isfinite(values)]  # a trailer that turns may stand where others might
+        worst = int(values.argmin())
+        x, y = layout.positions.points[worst].tolist()
+        value = float(np.sort(finite)[may_fail(requirement.share, len(finite))])
+        enough = float((finite >= requirement.least).mean())
+        heading = float(placed.angles[by_heading[:, worst].argmin()])
+        yield label, CaseResult("", value, enough, x, y, heading, float(values[worst])), values
 
 
 def _placed(case: _Case) -> PlacedObject:
@@ -209,10 +193,7 @@ def _of_lidars(
     sights, light = at_class(case.sights(), case.rig, placed.object_class), placed.reflectivity
     if measure == "points":
         return count_points(sights, boxes, light, sets)
-    cells = np.empty((len(boxes), len(sets)))
-    for size in np.unique(boxes[:, 3:6], axis=0):
-        alike = (boxes[:, 3:6] == size).all(axis=1)
-        cells[alike] = count_cells(sights, boxes[alike], requirement.cell, light, sets)
+    cells = count_cells(sights, boxes, requirement.cell, light, sets)
     return requirement.curve.probability(cells) if requirement.curve else cells
 
 
@@ -272,27 +253,10 @@ def _of_volume(case: _Case, roi: Roi) -> Iterator[_Measured]:
     outside = outside[layout.positions.held]
     if not outside.any():
         return  # a trailer that turns is there
-    for number, (label, layer) in enumerate(zip(case.working, every, strict=True)):
+    for label, layer in zip(case.working, every, strict=True):
         seen = layer[layout.positions.held]
         shares = np.divide(seen, outside, out=np.full(len(seen), np.inf), where=outside > 0)
         worst = int(shares.argmin())
         x, y = layout.positions.points[worst].tolist()
-        share, undecided = int(seen.sum()) / int(outside.sum()), 0.0
-        if abs(share - layout.requirement.least) < NEAR_SHARE:
-            low, high = _over_phases(case, sets[number], sensors)
-            if low < layout.requirement.least - 1e-9 and high >= layout.requirement.least:
-                share, undecided = low, high - low
-        least = float(shares[worst])
-        yield label, CaseResult("", share, share, x, y, None, least, undecided), shares
-
-
-def _over_phases(case: _Case, lidars: Sequence[int], sensors: int) -> tuple[float, float]:
-    """Return an interval of the share that LiDARs see, over phases of the voxels.
-
-    The share varies over those half an edge apart; the interval is twice as wide."""
-    shares = []
-    for roi, held in case.layout.phases:
-        (seen,), outside = seen_in_columns(case.rig, case.vehicle, roi, [lidars], sensors)
-        shares.append(seen[held].sum() / outside[held].sum())
-    spread = 0.5 * (max(shares) - min(shares))
-    return float(min(shares) - spread), float(max(shares) + spread)
+        share = int(seen.sum()) / int(outside.sum())
+        yield label, CaseResult("", share, share, x, y, None, float(shares[worst])), shares

@@ -162,8 +162,6 @@ def _in_threads(
 ) -> NDArray[np.float64]:
     """Call `work` on the parts that boxes are, which threads take by portions."""
     parts = [bricks(boxes[at : at + portion], 0).geometry for at in range(0, len(boxes), portion)]
-    if len(parts) == 1:
-        return work(parts[0])
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         return np.concatenate(list(threads.map(work, parts)))
 

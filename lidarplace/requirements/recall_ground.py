@@ -63,10 +63,9 @@ def recall_ground(
     sights = at_class(sights_of(rig, vehicle.poses[""]), rig, object_class)
     every = range(len(rig.mounts))
     sets = [every, *([n for n in every if n != dead] for dead in every if len(every) > 1)]
-    boxes = layout.fields[""].boxes
-    free = ~np.isnan(boxes[:, :, 0])
+    free = ~np.isnan(layout.boxes[:, :, 0])
     chances = np.full((*free.shape, len(sets)), np.nan)
-    chances[free] = curve.probability(count_cells(sights, boxes[free], CELL_M, sets=sets))
+    chances[free] = curve.probability(count_cells(sights, layout.boxes[free], CELL_M, sets=sets))
     means = np.nanmean(chances, axis=0)
     held = layout.positions.held
     maps = np.full((len(sets), *held.shape), np.nan)

@@ -161,3 +161,8 @@ class Requirement:
     def measured(self) -> str:
         """The measure, and by how many sensors it is needed, for tables."""
         return measured(self.measure, self.sensors, self.kinds)
+
+
+def may_fail(share: float, positions: int) -> int:
+    """Return how many positions may have too little where a share must have enough."""
+    return min(math.floor((1 - share) * positions + 1e-9), positions - 1)

@@ -52,7 +52,7 @@ def extents(layouts: Iterable[RequirementLayout]) -> list[dict[str, str | int]]:
             "requirement": layout.requirement.name,
             "measure": layout.requirement.measured,
             "positions": int(layout.positions.held.sum()),
-            "objects": layout.objects,
+            "objects": int(np.isfinite(layout.boxes[:, :, 0]).sum()),
         }
         for layout in layouts
     ]
@@ -61,8 +61,7 @@ def extents(layouts: Iterable[RequirementLayout]) -> list[dict[str, str | int]]:
 def case_row(result: RequirementResult, case: CaseResult) -> dict[str, object]:
     """Return the result of a requirement in one case as a row.
 
-    Place and heading are None where there is none, `short_by` is 0 where it is met; `undecided` is
-    0 where the verdict is sure."""
+    Place and heading are None where there is none, `short_by` is 0 where it is met."""
     requirement = result.requirement
     return {
         "case": case.case,
@@ -70,7 +69,6 @@ def case_row(result: RequirementResult, case: CaseResult) -> dict[str, object]:
         "value": case.value,
         "short_by": max(0.0, requirement.least - case.value),
         "enough": case.enough,
-        "undecided": case.undecided,
         "x": None if math.isnan(case.x) else case.x,
         "y": None if math.isnan(case.y) else case.y,
         "heading_deg": None if case.heading is None else math.degrees(case.heading),
@@ -102,11 +100,7 @@ def by_rig(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 def worst_cases(cases: pd.DataFrame, rig: Sequence[str]) -> pd.DataFrame:
     """Return the case with the least value of each requirement and rig, ties to the first.
 
-    A case that surely fails comes before those that are undecided.
     `cases` are rows of `case_table`, rigs are identified by the columns `rig`."""
     keys = [*rig, "requirement"]
-    is_open = cases["met"] | (cases["undecided"] > 0)
-    order = cases.assign(open=is_open).sort_values(["open", "value"], kind="stable").index
-    groups = cases.groupby(keys, sort=False, dropna=False, observed=True).ngroup()
-    first = groups[order].drop_duplicates().sort_values()
-    return cases.loc[first.index].reset_index(drop=True)
+    least = cases.groupby(keys, sort=False, dropna=False, observed=True)["value"].idxmin()
+    return cases.loc[least].reset_index(drop=True)

@@ -131,7 +131,8 @@ _VELODYNE = (("vert", None), ("rot", 0.0), ("vert_offset", 0.0), ("horiz_offset"
 def _velodyne_yaml(path: Path) -> MakerFile:
     """Read the lasers of velodyne_pointcloud: radians and metres, azimuths count clockwise.
 
-    A laser's correction is subtracted from the azimuth, so it is to the left."""
+    A laser's correction is subtracted from the azimuth, so it is to the left. Its vertical offset
+    is at right angles to its rays, so these start farther off on the axis."""
     content = read_yaml_file(path)
     lasers = content.get("lasers") if isinstance(content, dict) else None
     if not isinstance(lasers, list) or not all(isinstance(laser, dict) for laser in lasers):
@@ -143,7 +144,8 @@ def _velodyne_yaml(path: Path) -> MakerFile:
         )
         for key, default in _VELODYNE
     )
-    return _made(np.degrees(up), np.degrees(aside), path, offsets, left_out=_sideways(sideways))
+    offsets, left_out = offsets / np.cos(up), _sideways(sideways)
+    return _made(np.degrees(up), np.degrees(aside), path, offsets, left_out=left_out)
 
 
 def _sideways(metres: NDArray[np.float64]) -> tuple[str, ...]:

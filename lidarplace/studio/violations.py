@@ -187,8 +187,6 @@ def unmet(results: Sequence[RequirementResult]) -> Iterator[ReportedViolation]:
         requirement, worst = result.requirement, result.worst
         missing = requirement.least - worst.value
         case = "" if worst.case == AS_BUILT else f", {worst.case}"
-        if worst.undecided:
-            case += f" (within {100 * worst.undecided:.2g} points: finer positions decide)"
         place = "" if math.isnan(worst.x) else f"; worst at x {worst.x:.2f}, y {worst.y:.2f}"
         text = (
             f"{requirement.name}: {worst.value:.3g} {requirement.measured}, {missing:.3g} short of "

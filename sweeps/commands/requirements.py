@@ -50,7 +50,7 @@ def requirements(
     from lidarplace.requirements.check_requirements import check_requirements
     from lidarplace.requirements.tables import by_rig, case_table, worst_cases
     from sweeps.configuration.requirements_file import read_requirements_check
-    from tracking.pages.requirements import counted, verdict_table
+    from tracking.pages.requirements import verdict_table
 
     with checked_input():
         check = read_requirements_check(config, set_ or [])
@@ -74,7 +74,7 @@ def requirements(
         printed = verdict_table(worst, ["rig"])
         words = {printed.head[i] for i in printed.words}
         output().print(table(None, printed.head, printed.rows, words=words))
-        say(f"{counted(worst)} {', '.join(paths.values())}")
+        say(f"{(~worst['met']).sum()} of {len(worst)} fail; {', '.join(paths.values())}")
     if not worst["met"].all():
         raise typer.Exit(1)
 

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from lidarplace.base.errors import InputError
 from lidarplace.commands.convert import app
@@ -207,7 +208,7 @@ def test_a_quaternion_must_be_one_and_a_direction_not_zero(tmp_path):
         read_label_table(tmp_path / "a.csv", TableMapping.model_validate(mapping), Counter())
     mapping["columns"].pop("quaternion")
     mapping["columns"]["direction"] = {"x": "qx", "y": "qy"}
-    with pytest.raises(InputError, match="row 0: qx, qy: the direction is 0"):
+    with pytest.raises(InputError, match="row 0: qx, qy: the direction is 0 along the ground"):
         read_label_table(tmp_path / "a.csv", TableMapping.model_validate(mapping), Counter())
 
 
@@ -240,3 +241,46 @@ def test_json_lines(tmp_path):
         path.write_text(text)
         with pytest.raises(InputError, match=message):
             read_label_file(path, [])
+
+
+def test_quaternions_in_another_order_tilt_the_boxes():
+    mapping = parse_yaml(propose_mapping(LABELS / "quaternions.csv"))
+    mapping["columns"]["quaternion"] = dict(zip("wxyz", ["qx", "qy", "qz", "qw"], strict=True))
+    with pytest.raises(InputError, match="% are tilted by more than 30 degrees, the first in row"):
+        read_label_table(
+            LABELS / "quaternions.csv", TableMapping.model_validate(mapping), Counter()
+        )
+
+
+def test_vectors_need_both_components_along_the_ground():
+    """In the axes of a camera y is down, and z is ahead."""
+    guess = parse_yaml(propose_mapping(LABELS / "quaternions.csv"))
+    guess["axes"] = {"x": "right", "y": "down", "z": "forward"}
+    guess["yaw"] = {"zero": "z"}
+    columns = {key: name for key, name in guess["columns"].items() if key != "quaternion"}
+    directed = columns | {"direction": {"x": "qx", "y": "qy"}}
+    poses = {"x": "qx", "y": "qy", "yaw": "qz"}
+    for key, changed in (
+        ("columns.direction.z", guess | {"columns": directed}),
+        ("poses.z", guess | {"poses": poses}),
+    ):
+        with pytest.raises(ValidationError, match=f"{key}: expected a column: z is not upright"):
+            TableMapping.model_validate(changed)
+
+
+def test_files_of_one_frame_and_folders_without_a_drive(tmp_path):
+    content = (LABELS / "labelcloud/000.json").read_text()
+    for name in ("left_7.json", "right_7.json"):
+        (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=r"right_7.json: frame 7 is left_7.json, too"):
+        read_label_file(tmp_path, [])
+    for drive in ("a", "b"):
+        (tmp_path / "two" / drive).mkdir(parents=True)
+        (tmp_path / "two" / drive / "7.json").write_text(content)
+    mapping = parse_yaml(propose_mapping(tmp_path / "two")) | {"yaw": {}, "drives": {}}
+    read_label_table(tmp_path / "two", TableMapping.model_validate(mapping), Counter())
+    mapping["columns"].pop("drive")
+    with pytest.raises(
+        InputError, match="2 folders of frames, but no drive; write `drive: folder`"
+    ):
+        read_label_table(tmp_path / "two", TableMapping.model_validate(mapping), Counter())

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from lidarplace.base.roi import Roi
-from lidarplace.clouds.raycast import beams_of, cast
+from lidarplace.clouds.raycast import beams_of, cast, expected_share
 from lidarplace.clouds.shapes import bricks
 from lidarplace.commands.sensors import app
 from lidarplace.configuration.sensor import SensorSettings
@@ -147,6 +147,27 @@ def test_velodyne(tmp_path):
     assert lidar.azimuth_steps == Lidar.named("vlp16").azimuth_steps
     # Subtracted from azimuths that count clockwise: to the left.
     np.testing.assert_allclose(lidar.azimuth_offsets, [0.02] * 16, atol=1e-4)
+
+
+def test_a_vertical_offset_of_velodyne_is_at_right_angles_to_the_ray(tmp_path):
+    """velodyne_pointcloud: xy = d cos(v) - o sin(v), z = d sin(v) + o cos(v)."""
+    angle, offset = math.radians(-24.0), 0.2
+    laser = {"rot_correction": 0.0, "vert_correction": angle, "vert_offset_correction": offset}
+    (tmp_path / "a.yaml").write_text(yaml.safe_dump({"lasers": [laser]}))
+    (start,) = read_maker_file(tmp_path / "a.yaml").offsets_m
+    xy = 30.0 * math.cos(angle) - offset * math.sin(angle)
+    z = 30.0 * math.sin(angle) + offset * math.cos(angle)
+    assert start + xy * math.tan(angle) == pytest.approx(z)
+
+
+def test_a_mask_turns_with_the_beam_in_shares_of_returns_too():
+    shares = tuple(n / 12 for n in range(1, 13))
+    lidar = replace(beside([20] * 5), correction=Correction(mask=Mask((shares,))))
+    rays = np.arange(lidar.rays)
+    x, y, _ = lidar.directions().T
+    expected = Mask((shares,)).at(np.arctan2(y, x), np.zeros(len(x)))
+    found = expected_share(lidar, "Car", rays, np.ones(len(rays)))
+    np.testing.assert_allclose(found, expected * (1 - lidar.drop_off))
 
 
 def test_hesai():

@@ -33,20 +33,9 @@ _COLOURS = ((0.0, "#7a2b00"), (_ENOUGH, "#f0a070"), (_ENOUGH, "#a8d4f0"), (1.0, 
 
 
 def counted(worst: pd.DataFrame) -> str:
-    """Count the verdicts that are failures, and those that are not sure, a sentence."""
-    undecided = int((worst["undecided"] > 0).sum())
-    failed = int((~worst["met"]).sum()) - undecided
-    further = f", {undecided} undecided" if undecided else ""
-    return f"{failed or 'None'} of {len(worst)} verdicts fail{'s' * (failed <= 1)}{further}."
-
-
-def verdict(row: Mapping[Any, Any]) -> str:
-    """Return the verdict of a row of `worst_cases`."""
-    if row["met"]:
-        return "pass"
-    if row["undecided"] > 0:
-        return f"within {100 * row['undecided']:.2g} points: finer positions decide"
-    return "FAIL"
+    """Count the verdicts that are failures, a sentence."""
+    failed = int((~worst["met"]).sum())
+    return f"{failed or 'None'} of {len(worst)} verdicts fail{'s' * (failed <= 1)}."
 
 
 def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Table:
@@ -56,7 +45,7 @@ def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Ta
     columns = [
         *(words(name) for name in rig),
         words("requirement"),
-        Column("verdict", verdict, words=True),
+        Column("verdict", lambda row: "pass" if row["met"] else "FAIL", words=True),
         Column("needed", _needed),
         Column("found", lambda row: number(row["value"], 4)),
         Column("short by", lambda row: number(row["short_by"], 4) if row["short_by"] > 0 else ""),
@@ -82,10 +71,10 @@ def _place(row: Mapping[Any, Any]) -> str:
 
 def in_short(row: Mapping[Any, Any]) -> str:
     """Format a verdict in a cell: the value relative to what is needed."""
-    summary = f"{verdict(row)}: {number(row['value'], 3)} of {_needed(row)}"
+    verdict = f"{'pass' if row['met'] else 'FAIL'}: {number(row['value'], 3)} of {_needed(row)}"
     if row["met"]:
-        return summary
-    return "; ".join([summary, ", ".join(filter(None, [row["case"], _place(row)]))])
+        return verdict
+    return "; ".join([verdict, ", ".join(filter(None, [row["case"], _place(row)]))])
 
 
 def draw_verdicts(
@@ -134,7 +123,8 @@ def requirement_map(
     `lidarplace.mounting.outline.outline` of the vehicle."""
     needed, measure = float(worst["at_least"]), worst["measure"]
     x, y, least = ground.x, ground.y, ground.least.astype(np.float64)
-    title = f"{text(rig)} · {text(worst['requirement'])}: {verdict(worst)}"
+    verdict = "met" if worst["met"] else "FAILED"
+    title = f"{text(rig)} · {text(worst['requirement'])}: {verdict}"
     plot = figure(title, height=map_height((np.ptp(y) + 2.0) / (np.ptp(x) + 4.0), 220, 560))
     bar = {"title": {"text": "of need"}, "tickvals": [0, 1, 2], "ticktext": ["0", "1", "≥ 2"]}
     of_need = f"%{{customdata:.3g}} {measure} of {needed:g}"

@@ -70,23 +70,16 @@ class Recommendation:
 
     @property
     def required(self) -> str:
-        """Sentence about the requirements that the best placement fails or may; "" without any."""
+        """Sentence about the requirements that the best placement fails; "" without any."""
         worst = worst_requirements(self.run, self.group.setting)
         of_best = worst[worst["placement"] == self.best.best]
         if of_best.empty:
             return ""
-        undecided = of_best["undecided"] > 0
-        failed = of_best.loc[~of_best["met"] & ~undecided, "requirement"].tolist()
-        parts = [
-            ("fails", failed),
-            ("is undecided in", of_best.loc[undecided, "requirement"].tolist()),
-        ]
-        texts = [
-            f"{does} {len(names)} of {len(of_best)} requirements: {some(names)}"
-            for does, names in parts
-            if names
-        ] or [f"meets all {len(of_best)} requirements"]
-        return f"{self.best.best} {', and '.join(texts)}."
+        failed = of_best.loc[~of_best["met"], "requirement"].tolist()
+        if not failed:
+            return f"{self.best.best} meets all {len(of_best)} requirements."
+        fails = f"{self.best.best} fails {len(failed)} of {len(of_best)} requirements"
+        return f"{fails}: {some(failed)}."
 
 
 @dataclass(frozen=True)

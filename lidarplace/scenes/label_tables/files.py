@@ -64,7 +64,11 @@ def _rows_of_folder(folder: Path) -> Iterator[dict[str, Any]]:
     if not paths:
         raise InputError(place=folder, expected="a file .json for each frame")
     numbers = _numbers([path.stem for path in paths])
+    path_of: dict[tuple[Path, float], Path] = {}
     for path, number in zip(paths, numbers, strict=True):
+        if (other := path_of.setdefault((path.parent, number), path)) != path:
+            fix = "keep the files of one frame, and one way to number them"
+            raise InputError(f"frame {number} is {other.name}, too", place=path, fix=fix)
         inside = path.parent.relative_to(folder)
         of_file = {FILE: number} | ({FOLDER: inside.as_posix()} if inside.parts else {})
         rows = [row | of_file for row in _objects(read_json(path), path)]

@@ -253,6 +253,7 @@ class TableMapping(Settings):
         self.of_boxes()  # raises ValueError for axes that are none
         with at(key="poses"):
             self.of_poses()
+        self._check_upright()
         for category, name in self.classes.items():
             if name is not None:
                 check_class_name(name, key=f"classes.{category}", fix="null ignores its boxes")
@@ -261,6 +262,20 @@ class TableMapping(Settings):
         if self.columns.drive is None and (self.drives.test or self.drives.train):
             raise InputError("need `columns.drive`", key="drives")
         return self
+
+    def _check_upright(self) -> None:
+        """Raise ValueError for vectors of two columns that lack one along the ground."""
+        vectors = [("columns.direction.z", self.columns.direction, self.of_boxes())]
+        if self.poses is not None:
+            of_poses = self.of_poses()
+            vectors.append(("poses.direction.z", self.poses.direction, of_poses))
+            vectors.append(
+                ("poses.z", Direction(x=self.poses.x, y=self.poses.y, z=self.poses.z), of_poses)
+            )
+        for key, vector, convention in vectors:
+            lacks_z = vector is not None and vector.z is None
+            if lacks_z and convention.axes[2] not in ("up", "down"):
+                raise InputError(key=key, expected="a column: z is not upright", found="none")
 
     @property
     def stamp(self) -> str:

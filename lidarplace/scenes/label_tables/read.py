@@ -18,14 +18,15 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import FRAME_COLUMNS, GEOMETRY, POINTS, POSE_COLUMNS, SIZE, first
 from lidarplace.logs.convention import Convention
 from lidarplace.logs.plausibility import over_two_turns
-from lidarplace.rigs.rotations import rotations
+from lidarplace.rigs.rotations import TILTED, rotations
 from lidarplace.scenes.datasets.class_maps import classified
 from lidarplace.scenes.datasets.se3 import Poses
-from lidarplace.scenes.label_tables.files import read_label_file
+from lidarplace.scenes.label_tables.files import FOLDER, read_label_file
 from lidarplace.scenes.label_tables.frames import Stamps, frames_of, read_stamps
 from lidarplace.scenes.label_tables.mapping import EgoPoses, Heading, TableMapping, names_in
 from lidarplace.scenes.label_tables.units import SECONDS
 
+MOST_TILTED = 0.1  # share of boxes: a vehicle on its side, but not each tenth
 SLACK_S = 0.1  # boxes may be by so much earlier than the first pose, or later than the last
 
 
@@ -96,11 +97,19 @@ def _yaws(
     values = numbers(table, names, source)
     if columns.quaternion is not None:
         turns = rotations(values, lambda row: f"{source}: row {row}: {', '.join(names)}")
-        return convention.yaws_of(turns.as_matrix().reshape(-1, 3, 3))
-    if (row := first(~values.any(axis=1))) is not None:
+        matrices, upright = turns.as_matrix().reshape(-1, 3, 3), convention.matrix[2]
+        tilted = matrices @ upright @ upright < TILTED
+        if tilted.sum() > MOST_TILTED * len(tilted):
+            problem = f"{percent(tilted.mean(), '.1f')} are tilted by more than 30 degrees, the "
+            problem += f"first in row {np.argmax(tilted)}"
+            fix = "change which column of the quaternion is x, y, z and w, or axes"
+            raise InputError(problem, place=source, key=", ".join(names), fix=fix)
+        return convention.yaws_of(matrices)
+    directions = _wide(values)
+    if (row := first(~convention.places(directions)[:, :2].any(axis=1))) is not None:
         place, key = f"{source}: row {row}", ", ".join(names)
-        raise InputError("the direction is 0", place=place, key=key)
-    return convention.yaws_along(_wide(values))
+        raise InputError("the direction is 0 along the ground", place=place, key=key)
+    return convention.yaws_along(directions)
 
 
 def _wide(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -131,6 +140,9 @@ def read_labels(
         expected, fix = "one of the two", "--preview PAGE draws both"
         raise InputError(problem, key="yaw.sense", expected=expected, found="no value", fix=fix)
     check_mapped(table, {f"columns.{key}": name for key, name in names_in(columns).items()}, source)
+    if columns.drive is None and FOLDER in table and len(set(table[FOLDER])) > 1:
+        problem = f"{len(set(table[FOLDER]))} folders of frames, but no drive"
+        raise InputError(problem, place=source, key="columns.drive", fix=f"write `drive: {FOLDER}`")
     stamps = read_stamps(table, columns.drive, mapping.stamp, mapping.stamp_unit, source)
     frames, frame = frames_of(stamps, mapping, source)
     of_box = [n for key, n in names_in(columns).items() if key not in ("drive", "time", "frame")]

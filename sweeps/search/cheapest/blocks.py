@@ -21,8 +21,7 @@ from lidarplace.requirements.rays_on_objects import (
     missed_cells,
     sights_of,
 )
-from lidarplace.requirements.refine import are_around, resized_boxes
-from lidarplace.requirements.requirement import AS_BUILT, KIND_OF
+from lidarplace.requirements.requirement import AS_BUILT, KIND_OF, may_fail
 from sweeps.search.problem.assess import Criteria
 from sweeps.search.problem.constraints import Carrier, requirement_name
 from sweeps.search.problem.rig import MountedLidar, placement_of
@@ -47,8 +46,7 @@ class Block:
             down, shape (L, R, C); None where numbers of LiDARs simply add up.
         needed: number of parts.
         position: of each object; the objects of a position are its headings.
-        weights: area of each position, in those of a whole one, shape (P,).
-        may_fail: area of the positions that may have too little; 0: none may.
+        may_fail: number of positions that may have too little.
         dead: number of LiDARs without any of which it has to hold, too.
         sensors: number of LiDARs that have to have enough, each by itself; 0: all together."""
 
@@ -58,8 +56,7 @@ class Block:
     missed: NDArray[np.uint8] | None
     needed: float
     position: NDArray[np.int64]
-    weights: NDArray[np.float64]
-    may_fail: float
+    may_fail: int
     dead: int
     sensors: int
 
@@ -102,8 +99,7 @@ class Block:
     def short(self, shares: NDArray[np.float64], level: float) -> NDArray[np.intp]:
         """Return objects with less than `level` of the need; none if so many positions may fail."""
         rows = np.flatnonzero(shares < level)
-        area = self.weights[np.unique(self.position[rows])].sum()
-        return rows if area > self.may_fail + 1e-6 or not self.may_fail else rows[:0]
+        return rows if len(np.unique(self.position[rows])) > self.may_fail else rows[:0]
 
 
 def blocks_of(lidars: Sequence[MountedLidar], criteria: Criteria) -> list[Block]:
@@ -156,60 +152,28 @@ def _of_one(
             if (variant, pose) not in sights:
                 sights[variant, pose] = sights_of(variant, body)
             at = at_class(sights[variant, pose], variant, wanted.placed.object_class)
-            if pose in layout.fields:
-                yield key, _of_objects(at, layout, pose, rig)
-
-
-def _of_objects(
-    sights: list[Sight], layout: RequirementLayout, pose: str, rig: Placement
-) -> NDArray[Any]:
-    """Return points of each object by one LiDAR, (R,), or what it misses of its cells, (R, C).
-
-    Where positions may fail, an object is the box around those at all places of its part: if that
-    has too little, the part surely fails. A LiDAR within it has all."""
-    wanted, field = layout.requirement, layout.fields[pose]
-    assert wanted.placed is not None
-    light, boxes, every = wanted.placed.reflectivity, field.boxes, []
-    free = ~np.isnan(boxes[:, :, 0])
-    if wanted.share < 1:
-        boxes = resized_boxes(wanted, field.parts.points, field.finest.half(0))
-    for of_heading, fits in zip(boxes, free, strict=True):
-        of_heading = of_heading[fits]
-        around = are_around(of_heading, rig.mounts[0].position[None]) & (wanted.share < 1)
-        if wanted.measure == "points":
-            counts = count_points(sights, of_heading, light)[:, 0]
-            counts[around] = wanted.least
-            every.append(counts.astype(np.float32))
-        else:
-            missed = missed_cells(sights, of_heading, wanted.cell, light)
-            missed[around] = 0.0
-            every.append(np.floor(missed * _WHOLE).astype(np.uint8))
-    most = max((missed.shape[1] for missed in every if missed.ndim > 1), default=0)
-    if most:
-        widths = ((most - missed.shape[1]) for missed in every)
-        every = [
-            np.pad(missed, ((0, 0), (0, width)), constant_values=_WHOLE)
-            for missed, width in zip(every, widths, strict=True)
-        ]
-    return np.concatenate(every)
+            boxes, light = layout.boxes_in(pose), wanted.placed.reflectivity
+            boxes = boxes[~np.isnan(boxes[:, :, 0])]
+            if len(boxes) and wanted.measure == "points":
+                yield key, count_points(at, boxes, light)[:, 0].astype(np.float32)
+            elif len(boxes):
+                missed = missed_cells(at, boxes, wanted.cell, light)
+                yield key, np.floor(missed * _WHOLE).astype(np.uint8)
 
 
 def _block(
     key: tuple[int, str, str], layout: RequirementLayout, values: NDArray[Any], carrier: Carrier
 ) -> Block:
-    wanted, needed = layout.requirement, layout.requirement.least
+    wanted = layout.requirement
+    objects, needed = np.nonzero(~np.isnan(layout.boxes_in(key[1])[:, :, 0]))[1], wanted.least
+    positions = len(np.unique(objects))
     if layout.roi is not None:
         body = carrier.vehicle.poses[key[1]]
         inside = voxels_in_body(body, layout.roi)[layout.positions.held]
-        objects, needed = np.zeros(1, int), wanted.least * float((~inside).sum())
-        weights = np.ones(1)
-    else:
-        field = layout.fields[key[1]]
-        objects = np.nonzero(~np.isnan(field.boxes[:, :, 0]))[1]
-        weights = field.parts.weights / field.finest.per_edge**2
-        if wanted.curve is not None:
-            left = 1.0 - wanted.least / wanted.curve.most  # as many cells as leave so much
-            needed = math.inf if left < 0 else -math.log(max(left, 2.0**-53)) / wanted.curve.rate
+        objects, positions, needed = np.zeros(1, int), 1, wanted.least * float((~inside).sum())
+    elif wanted.curve is not None:
+        left = 1.0 - wanted.least / wanted.curve.most  # as many cells as leave so much
+        needed = math.inf if left < 0 else -math.log(max(left, 2.0**-53)) / wanted.curve.rate
     missed = values if values.ndim == 3 else None
     alone = values if missed is None else 1.0 - missed.mean(axis=2) / _WHOLE
     alone = alone * np.float32((1 if missed is None else missed.shape[2]) / needed)
@@ -218,6 +182,6 @@ def _block(
         alone, missed = (alone >= 1.0 - 1e-6) / np.float32(sensors), None
     also = wanted.also_when
     dead = max(int(also.one_lidar_dead), also.sensors_dead) if key[2] == AS_BUILT else 0
-    fails = (1.0 - wanted.share) * float(weights[np.unique(objects)].sum())
+    fails = may_fail(wanted.share, positions)
     name, alone = requirement_name(wanted.name), np.asarray(alone, np.float32)
-    return Block(key, name, alone, missed, needed, objects, weights, fails, dead, sensors)
+    return Block(key, name, alone, missed, needed, objects, fails, dead, sensors)

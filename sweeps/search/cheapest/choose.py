@@ -325,9 +325,7 @@ class _Work:
         ease = np.minimum(block.alone[:, rows], 1.0).sum(axis=0)
         order = np.lexsort((ease, shares))
         first = np.unique(block.position[rows][order], return_index=True)[1]
-        rows = rows[order[np.sort(first)]]
-        above = np.cumsum(block.weights[block.position[rows]]) > block.may_fail + 1e-6
-        return [int(row) for row in rows[: _AT_ONCE + int(above.argmax())]]
+        return [int(rows[order[i]]) for i in np.sort(first)[: _AT_ONCE + block.may_fail]]
 
     def add_cover(self, block: Block, remaining: Sequence[int], lost: tuple[int, ...]) -> None:
         """Require a candidate that is not among as many as can be had without enough."""
@@ -408,12 +406,8 @@ class _Work:
             self.exclude(chosen)
             return
         short = outcome.least_of < wanted.least
-        if not blocks[0].may_fail:  # one place is enough, if the blocks have it
-            worst = np.array([outcome.worst.x, outcome.worst.y])
-            short = (outcome.positions.points == worst).all(axis=1)
-        if outcome.worst.undecided or not short.any():  # more to spare elsewhere may decide it
-            self.exclude(chosen)
-            return
+        if not blocks[0].may_fail:  # one place is enough
+            short = np.arange(len(short)) == outcome.least_of.argmin()
         helps = [(block.alone[:, short[block.position]] > 0).any(axis=1) for block in blocks]
         helping = np.unique(self.owner[np.any(helps, axis=0)])
         self.exclude(chosen, [i for i in helping.tolist() if i not in chosen])
@@ -423,5 +417,5 @@ def _position(
     block: Block, row: int, of: tuple[object, ...], of_each: bool = False
 ) -> Position | None:
     """Return the position of an object in a case of a requirement; None if none may fail."""
-    number, fails = int(block.position[row]), block.may_fail
-    return Position(of, number, float(block.weights[number]), fails, of_each) if fails else None
+    fails = block.may_fail
+    return Position(of, int(block.position[row]), fails, of_each) if fails else None
