@@ -101,7 +101,7 @@ def as_sweep(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
         f"{path}: search",
         path.parent,
     )
-    sweep = {key: value for key, value in _rest(raw).items() if key not in _OF_SEARCHES}
+    sweep = {key: value for key, value in _rest(raw, "rig").items() if key not in _OF_SEARCHES}
     if (vehicle := carrier_of(carried.vehicle, carried.keep_out)) is not None:
         sweep["vehicle"] = vehicle.model_dump(mode="json", exclude_unset=True)
     if search.get("requirements"):
@@ -116,10 +116,10 @@ def as_search(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return an answer as a search that starts with its rig."""
     placements = (raw.get("placements") or {}) | {path.stem: rig_of(raw)}
     start = [path.stem, *(raw["search"].get("start") or [])]
-    return _rest(raw) | {"placements": placements, "search": raw["search"] | {"start": start}}
+    return _rest(raw, "next") | {"placements": placements, "search": raw["search"] | {"start": start}}
 
 
-def _rest(raw: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys of an answer without the rig; the name is new, so the search is kept."""
+def _rest(raw: Mapping[str, Any], ending: str) -> dict[str, Any]:
+    """Return the keys of an answer without the rig; its new name keeps the folder of the search."""
     rest = {key: value for key, value in raw.items() if key not in PlacementSettings.model_fields}
-    return rest | ({"name": f"{raw['name']}-next"} if "name" in raw else {})
+    return rest | ({"name": f"{raw['name']}-{ending}"} if "name" in raw else {})

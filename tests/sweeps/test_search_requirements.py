@@ -85,7 +85,7 @@ def test_a_requirement_that_no_rig_meets(tmp_path, objective):
     enough = folder.trials["enough.requirement.a child behind"]
     first = (
         f"No rig meets the requirement 'a child behind': the closest, trial {enough.idxmax()}, has "
-        f"0 of 10 points; {100 * enough.max():.0f} % of the area has enough"
+        f"0 of 10 points; {100 * enough.max():.0f} % of the positions have enough"
     )
     assert 0 < enough.max() < 1
     after = printed[printed.index("trials 6/6") :].splitlines()
@@ -145,11 +145,11 @@ def test_rigs_that_are_found_meet_all_requirements(tmp_path):
     assert cases["met"].all()
     ground = folder.grounds.under(folder.search.best[0], LEFT["name"])
     assert np.nanmin(ground.least) == outcomes[1].least_of.min()
-    failed = folder.requirements.query("not met and undecided == 0 and x.notna()")
+    failed = folder.requirements[~folder.requirements["met"] & folder.requirements["x"].notna()]
     page = (folder.path / "search.html").read_text(encoding="utf-8")
     assert '<details class="folded"><summary><h2 id="requirements">' in page
     for rig, name in failed[["rig", "requirement"]].drop_duplicates().head(3).to_numpy():
-        assert f"{rig} · {name}: FAIL" in page
+        assert f"{rig} · {name}: FAILED" in page
 
 
 def test_the_power_of_a_rig_is_that_of_its_models(tmp_path):

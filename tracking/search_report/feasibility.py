@@ -36,7 +36,7 @@ def nothing_found(run: SearchFolder) -> str:
             closest = run.trials.loc[[over[c.name].idxmin()]].iloc[0]
             enough = closest.get(f"enough.{c.name}")
             has = _amount(c.limit - closest[f"violation.{c.name}"], "")
-            where = "" if enough is None else f"; {100 * enough:.0f} % of the area has enough"
+            where = "" if enough is None else f"; {100 * enough:.0f} % of the positions have enough"
             sentences.append(
                 f"No rig meets the requirement {c.name.partition('.')[2]!r}: the closest, trial "
                 f"{closest['number']}, has {has} of {_amount(c.limit, c.unit)}{where}"

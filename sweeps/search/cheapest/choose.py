@@ -97,7 +97,6 @@ def cheapest(problem: SearchProblem, recall: Recall | None = None) -> CheapestRe
         "rows": len(work.programme.rows),
         "cuts": len(work.programme.cuts),
         "judged": len(work.checks),
-        "undecided": sum(check.is_undecided for check in work.checks.values()),
     }
     seconds = time.monotonic() - start
     value = None if work.best is None else work.values.get(work.best)

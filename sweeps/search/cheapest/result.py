@@ -123,8 +123,6 @@ def proof(problem: SearchProblem, chosen: CheapestResult) -> str:
     settings = problem.file.search.cheapest
     judged, rows, cuts = (chosen.counts.get(key, 0) for key in ("judged", "rows", "cuts"))
     work = f"rigs checked: {judged:,}, rows: {rows:,}, cuts: {cuts:,}; {chosen.seconds:.0f} s"
-    if undecided := chosen.counts.get("undecided", 0):
-        work = f"{undecided:,} undecided do not count; {work}"
     if chosen.rig is None:
         if chosen.bound == math.inf:
             return f"No rig of the grid meets everything, which is proven ({work})."

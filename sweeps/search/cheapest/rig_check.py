@@ -19,16 +19,6 @@ class RigCheck:
     outcomes: tuple[RequirementResult, ...]
     margin: float
 
-    @property
-    def is_undecided(self) -> bool:
-        """Whether the rig breaks nothing surely: finer positions may show that it passes."""
-        open_ones = {
-            requirement_name(result.requirement.name)
-            for result in self.outcomes
-            if result.worst.undecided
-        }
-        return bool(self.broken) and all(c.name in open_ones for c in self.broken)
-
 
 def check_rig(rig: Rig, problem: SearchProblem) -> RigCheck:
     """Check all constraints of a rig."""
