@@ -116,7 +116,10 @@ def as_search(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return an answer as a search that starts with its rig."""
     placements = (raw.get("placements") or {}) | {path.stem: rig_of(raw)}
     start = [path.stem, *(raw["search"].get("start") or [])]
-    return _rest(raw, "next") | {"placements": placements, "search": raw["search"] | {"start": start}}
+    return _rest(raw, "next") | {
+        "placements": placements,
+        "search": raw["search"] | {"start": start},
+    }
 
 
 def _rest(raw: Mapping[str, Any], ending: str) -> dict[str, Any]:
