@@ -1,17 +1,20 @@
 """Answers of searches: files of a rig, `mounts`, with all keys of the search that chose it."""
 
 from collections.abc import Mapping
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field
 
-from lidarplace.configuration.mounting import KeepOuts, PlaceSettings, carrier_of
+from lidarplace.configuration.mounting import KeepOuts, carrier_of
 from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.settings import Settings, validated
 from lidarplace.configuration.vehicle import OwnVehicle
 
 _OF_SEARCHES = ("search", "robustness", "verify", "placement", "placements")
+ALLOWANCES = ("zones", "lidars", "counts", "prices", "constraints", "allow_blind_lidars")
+"""Keys of a file of `lidarplace studio` that requirements do not depend on."""
 
 
 class _Carrier(Settings):
@@ -41,18 +44,50 @@ def as_requirements(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
 
 
 def as_rigs(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
-    """Return an answer as a file of `lidarplace studio`, prices by the names of the catalogue."""
+    """Return an answer as a file of `lidarplace studio`."""
+    return studio_content(raw, {path.stem: rig_of(raw)})
+
+
+def studio_content(raw: Mapping[str, Any], rigs: Mapping[str, Any]) -> dict[str, Any]:
+    """Return rigs with what a search allows as a file of `lidarplace studio`.
+
+    A studio knows models by their names in the catalogue. Bounds of models without such a name, or
+    that share one, are left out. Fixed LiDARs have zones, and count, too."""
     search = raw["search"]
+    content: dict[str, Any] = {"placements": dict(rigs)}
     keys = ("vehicle", "keep_out", "constraints", "requirements")
-    content = {"placements": {path.stem: rig_of(raw)}}
-    content |= {key: search[key] for key in keys if search.get(key)}
-    content["zones"] = {
-        name: {key: value for key, value in zone.items() if key in PlaceSettings.model_fields}
-        for name, zone in search["zones"].items()
+    content |= {key: deepcopy(search[key]) for key in keys if search.get(key)}
+    if raw.get("allow_blind_lidars"):
+        content["allow_blind_lidars"] = True
+    models, fixed = search.get("models") or {}, search.get("fixed") or []
+    models = {
+        n: model if isinstance(model, dict) else {"name": model} for n, model in models.items()
     }
-    models = (model for model in (search.get("models") or {}).values() if isinstance(model, dict))
-    content["prices"] = {m["name"]: m["price"] for m in models if "name" in m and "price" in m}
+    names = {name: model.get("name") for name, model in models.items()}
+    content["zones"] = {name: _zone(zone, names) for name, zone in search["zones"].items()}
+    for number, mount in enumerate(fixed, start=1):
+        spot = {axis: mount[axis] for axis in "xyz" if axis in mount}
+        content["zones"][f"fixed {number}"] = {"x": 0, "y": 0, "standoff": None} | spot
+    if (lidars := search.get("lidars")) is not None:
+        ends = lidars if isinstance(lidars, (list, tuple)) else (lidars, lidars)
+        content["lidars"] = [end + len(fixed) for end in ends]
+    used = [*names.values(), *(names.get(mount.get("model")) for mount in fixed)]
+    content["counts"] = {
+        names[name]: model["count"]
+        for name, model in models.items()
+        if model.get("count") is not None and names[name] and used.count(names[name]) == 1
+    }
+    content["prices"] = {
+        m["name"]: m["price"] for m in models.values() if {"name", "price"} <= {*m}
+    }
     return content
+
+
+def _zone(zone: Mapping[str, Any], names: Mapping[str, str | None]) -> dict[str, Any]:
+    """Return a zone of a search as one of a studio, its models by their names in the catalogue."""
+    rest = {key: deepcopy(value) for key, value in zone.items() if key != "models"}
+    models = [names.get(name) for name in zone.get("models") or ()]
+    return rest | ({"models": [*dict.fromkeys(models)]} if models and all(models) else {})
 
 
 def as_sweep(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
@@ -66,7 +101,7 @@ def as_sweep(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
         f"{path}: search",
         path.parent,
     )
-    sweep = {key: value for key, value in _rest(raw).items() if key not in _OF_SEARCHES}
+    sweep = {key: value for key, value in _rest(raw, "rig").items() if key not in _OF_SEARCHES}
     if (vehicle := carrier_of(carried.vehicle, carried.keep_out)) is not None:
         sweep["vehicle"] = vehicle.model_dump(mode="json", exclude_unset=True)
     if search.get("requirements"):
@@ -81,10 +116,13 @@ def as_search(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return an answer as a search that starts with its rig."""
     placements = (raw.get("placements") or {}) | {path.stem: rig_of(raw)}
     start = [path.stem, *(raw["search"].get("start") or [])]
-    return _rest(raw) | {"placements": placements, "search": raw["search"] | {"start": start}}
+    return _rest(raw, "next") | {
+        "placements": placements,
+        "search": raw["search"] | {"start": start},
+    }
 
 
-def _rest(raw: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys of an answer without the rig; the name is new, so the search is kept."""
+def _rest(raw: Mapping[str, Any], ending: str) -> dict[str, Any]:
+    """Return the keys of an answer without the rig; its new name keeps the folder of the search."""
     rest = {key: value for key, value in raw.items() if key not in PlacementSettings.model_fields}
-    return rest | ({"name": f"{raw['name']}-next"} if "name" in raw else {})
+    return rest | ({"name": f"{raw['name']}-{ending}"} if "name" in raw else {})

@@ -38,10 +38,15 @@ class ReportedViolation(Violation):
 
 
 def prices_of(rig: Rig, file: RigsFile) -> list[float]:
-    """Return the prices of all LiDARs, cameras and radars, in the file's currency; NaN: unknown."""
-    prices = file.settings.prices
+    """Return the prices of all LiDARs, cameras and radars, in the file's currency; NaN: unknown.
+
+    Those of LiDARs include the mounts of their zones."""
+    prices, zones = file.settings.prices, file.settings.zones
     further = [sensor.price for sensor in rig.settings_of_sensors]
-    lidars = [prices.get(name or "", math.nan) for name in _models(rig, file)]
+    lidars = [
+        prices.get(lidar.model, math.nan) + (zones[lidar.zone].price if lidar.zone else 0.0)
+        for lidar in _named_lidars(rig, file)
+    ]
     return lidars + [math.nan if price is None else price for price in further]
 
 
@@ -88,13 +93,19 @@ class _NamedLidar(NamedTuple):
     model: str
 
 
-def _miscounted(rig: Rig, file: RigsFile) -> Iterator[ReportedViolation]:
-    """Yield the bounds on numbers of LiDARs that the rig breaks."""
+def _named_lidars(rig: Rig, file: RigsFile) -> list[_NamedLidar]:
+    """Return the zone and the model of each LiDAR, "" where it has none."""
     lidars = []
     for mount, model in zip(rig.mounts, _models(rig, file), strict=True):
         at = mount.position
         zones = (zone.name for zone in file.zones if distance(zone, *at) <= MICROMETRE)
         lidars.append(_NamedLidar(next(zones, ""), model or ""))
+    return lidars
+
+
+def _miscounted(rig: Rig, file: RigsFile) -> Iterator[ReportedViolation]:
+    """Yield the bounds on numbers of LiDARs that the rig breaks."""
+    lidars = _named_lidars(rig, file)
     excluded = [
         CountBound(f"zones.{zone}.models", 0, 0, zone, model)
         for zone, settings in file.settings.zones.items()

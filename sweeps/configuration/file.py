@@ -14,7 +14,13 @@ from pydantic import BaseModel, ValidationError
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.command_line.invocation import command
-from lidarplace.configuration.answer import as_requirements, as_search, as_sweep, is_answer
+from lidarplace.configuration.answer import (
+    ALLOWANCES,
+    as_requirements,
+    as_search,
+    as_sweep,
+    is_answer,
+)
 from lidarplace.configuration.renamed_keys import current_key, with_current_keys
 from lidarplace.configuration.settings import key_path, mistake, shortened
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
@@ -27,6 +33,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 _SWEEP = ("a sweep", "run")
 _VERBS = {"search": ("a search", "search"), "grid": _SWEEP, "exclude": _SWEEP}
+_VERBS["prices"] = ("a file of the studio", "studio")
 """Keys that only one kind of file has, and the verb that takes it."""
 _AS = {"search": as_search, "grid": as_sweep, "rigs": as_requirements}
 """A key that a kind of file alone has, and the answer of a search as such a file."""
@@ -66,6 +73,8 @@ def read_yaml(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> d
             raise InputError(expected="a mapping of keys", found=kind_of_content)
         if is_answer(raw):
             raw = _AS[next(key for key in _AS if key in model.model_fields)](raw, path)
+        elif "prices" in raw and "rigs" in model.model_fields:
+            raw = {key: value for key, value in raw.items() if key not in ALLOWANCES}
         written, raw = raw, _with_current_keys(raw)
         is_outdated = raw != written
         unknown = [key for key in raw if key not in model.model_fields]

@@ -64,6 +64,14 @@ def test_every_command_reads_the_answer(answer):
     assert "price 3" in run("cheapest", str(answer))
 
 
+def test_requirements_read_the_file_of_the_studio(answer):
+    rigs = answer.with_name("rigs.yaml")
+    (outcome,) = json.loads(run("requirements", str(rigs), "--json"))["outcomes"]
+    assert (outcome["rig"], outcome["met"]) == ("the rig", True)
+    refusal = CliRunner().invoke(app, ["run", str(rigs)])
+    assert "prices: key of a file of the studio; run: lidarplace studio" in refusal.stderr
+
+
 def test_a_start_of_another_model_is_refused(answer):
     content = yaml.safe_load(answer.read_text())
     content["mounts"][0]["lidar"] = "mid70"

@@ -13,7 +13,8 @@ from pydantic import BaseModel
 
 from lidarplace import Lidar
 from lidarplace.base.errors import at
-from lidarplace.configuration.mounting import PlaceSettings, carrier_of
+from lidarplace.configuration.answer import studio_content
+from lidarplace.configuration.mounting import carrier_of
 from lidarplace.configuration.placement import MountSettings, SweptPlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.vehicle import VehicleSettings
@@ -62,19 +63,8 @@ class SearchConfig:
 
     def rigs_text(self, rigs: Mapping[str, Rig]) -> str:
         """Write rigs with vehicle, zones, prices, limits and requirements, as a studio's file."""
-        search, source = self.file.search, self.source["search"]
-        same = ("vehicle", "keep_out", "constraints", "requirements")
-        shape = {*PlaceSettings.model_fields}
-        content = {
-            **{key: deepcopy(source[key]) for key in same if source.get(key)},
-            **({"allow_blind_lidars": True} if self.file.allow_blind_lidars else {}),
-            "zones": {
-                name: zone.model_dump(mode="json", exclude_unset=True, include=shape)
-                for name, zone in search.zones.items()
-            },
-            "prices": {model.name: model.price for model in search.models.values() if model.name},
-            "placements": {name: self._readable(rig) for name, rig in rigs.items()},
-        }
+        placements = {name: self._readable(rig) for name, rig in rigs.items()}
+        content = studio_content(self.source, placements)
         return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
 
     def _readable(self, rig: Rig) -> dict[str, Any]:

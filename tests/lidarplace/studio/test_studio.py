@@ -435,3 +435,33 @@ placements:
     studio.add("bpearl")
     studio.pose(3, x=0.3, y=0.1, z=1.8)
     assert [one.text for one in studio.violations()] == ["zones.roof.lidars: 2 LiDARs, expected 1"]
+
+
+def test_the_answer_of_a_search_keeps_its_bounds(tmp_path):
+    """Mirrored pairs and fixed LiDARs are in zones, numbers count, mounts have a price."""
+    text = """
+mounts:
+  - {x: 0.5, y: 1.0, z: 0.8, lidar: bpearl}
+  - {x: 0.5, y: -1.0, z: 0.8, lidar: bpearl}
+  - {x: 0.0, y: 0.0, z: 1.6, lidar: vlp16}
+  - {x: -2.5, z: 0.8, yaw_deg: 180, lidar: vlp16}
+search:
+  lidars: 3
+  models: {dome: {name: bpearl, price: 3, count: 2}, spinner: {name: vlp16, price: 4, count: 1}}
+  zones:
+    roof: {x: [-1, 1], y: [-0.2, 0.2], z: [1.5, 1.7], lidars: 1, models: {spinner: {roll_deg: 5}}}
+    side: {x: [0, 1], y: [0.9, 1.1], z: [0.6, 0.9], lidars: [0, 1], mirrored: true, models: [dome],
+           price: 1}
+  fixed: [{x: -2.5, z: 0.8, yaw_deg: 180, model: spinner}]
+  constraints: {price: 16}
+"""
+    studio = studio_of(tmp_path, text)
+    assert not studio.violations()
+    studio.model(2, "bpearl")
+    assert [one.text for one in studio.violations()] == [
+        "counts.bpearl: 3 bpearl, expected 2",
+        "zones.roof.models: 1 bpearl, expected 0",
+    ]
+    studio.add("vlp16")
+    studio.pose(4, x=0.5, y=1.05, z=0.7)
+    assert "price 20: 4 above 16" in [one.text for one in studio.violations()]
