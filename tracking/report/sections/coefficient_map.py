@@ -45,7 +45,9 @@ def coefficient_charts(analysis: Analysis) -> Iterator[tuple[str, pd.DataFrame]]
         named = [text(labels.metric_label(*metric)) for metric in metrics]
         tests = tests.assign(column=[name.replace(" @ ", "<br>@ ") for name in named])
         headlines = pd.concat([at_headline_iou(tests, results, name) for name in names])
-        of_class = headlines["class"].map(lambda name: f"{text(class_label(name)).replace(' ', '<br>')}<br>")
+        of_class = headlines["class"].map(
+            lambda name: f"{text(class_label(name)).replace(' ', '<br>')}<br>"
+        )
         yield (
             group.title if group.varies else "headline metrics",
             headlines.assign(column=of_class + headlines["column"]),
