@@ -91,14 +91,14 @@ class Surroundings:
 
     def shared_parts(self, frames: Sequence[int], reach: float) -> list[Parts]:
         """Return the `parts` of every frame, faster than one by one; the first ones are kept."""
-        kept = {f: self._parts[f, reach] for f in frames if (f, reach) in self._parts}
-        if missing := [frame for frame in frames if frame not in kept]:
+        by_frame = {f: self._parts[f, reach] for f in frames if (f, reach) in self._parts}
+        if missing := [frame for frame in frames if frame not in by_frame]:
             for frame, of_frame in zip(missing, self._computed(missing, reach), strict=True):
-                kept[frame] = of_frame
+                by_frame[frame] = of_frame
                 if self._kept < _MOST_PARTS:
                     self._parts[frame, reach] = of_frame
                     self._kept += len(of_frame)
-        return [kept[frame] for frame in frames]
+        return [by_frame[frame] for frame in frames]
 
     def _computed(self, frames: Sequence[int], reach: float) -> list[Parts]:
         rows = [self._checked_rows(frame) for frame in frames]

@@ -45,74 +45,78 @@ def import_(
 ) -> None:
     """Read a LiDAR from its maker's file, and compare it with the nearest one of the catalogue."""
     with checked_input():
-        made = read_maker_file(file)
-        sheet = nearest(made) if like is None else datasheet(like)
-        known = sheet if like is not None or _apart(made, sheet) < ALIKE_DEGREES else None
-        model = validated(SensorSettings, _keys(made, known), str(file))
+        lidar = read_maker_file(file)
+        sheet = nearest(lidar) if like is None else datasheet(like)
+        entry = sheet if like is not None or _apart(lidar, sheet) < ALIKE_DEGREES else None
+        model = validated(SensorSettings, _keys(lidar, entry), str(file))
         content = {"lidar": as_written(model)}
         text = yaml.safe_dump(
             content, sort_keys=False, default_flow_style=None, width=TEXT_WIDTH
         ).rstrip()
         if out is not None:
             write_text(out, f"{text}\n")
-    output().print(table(None, (file.name, "file", sheet.name), _rows(made, sheet)))
-    for part in made.left_out:
+    output().print(table(None, (file.name, "file", sheet.name), _rows(lidar, sheet)))
+    for part in lidar.left_out:
         say(f"left out: {part}")
-    if known is None:
-        missing = "range" if made.azimuth_steps else "range and azimuth_steps"
+    if entry is None:
+        missing = "range" if lidar.azimuth_steps else "range and azimuth_steps"
         say(f"{sheet.name} is the nearest of the catalogue, but another LiDAR: add {missing}")
-    if made.azimuth_steps is None and known is not None:
+    if lidar.azimuth_steps is None and entry is not None:
         say(f"azimuth steps and ranges are those of {sheet.name}")
     say(out if out is not None else text)
 
 
-def nearest(made: MakerFile) -> Datasheet:
+def nearest(lidar: MakerFile) -> Datasheet:
     """Return the entry whose beams differ least, those with as many beams first."""
     sheets = [sheet for sheet in catalogue().values() if sheet.elevations_deg]
-    beams = len(made.elevations_deg)
+    beams = len(lidar.elevations_deg)
     return min(
-        sheets, key=lambda sheet: (abs(len(sheet.elevations_deg) - beams), _apart(made, sheet))
+        sheets, key=lambda sheet: (abs(len(sheet.elevations_deg) - beams), _apart(lidar, sheet))
     )
 
 
-def _apart(made: MakerFile, sheet: Datasheet) -> float:
+def _apart(lidar: MakerFile, sheet: Datasheet) -> float:
     """Return the median difference of elevations, degrees; infinite for other numbers of beams."""
-    if len(sheet.elevations_deg) != len(made.elevations_deg):
+    if len(sheet.elevations_deg) != len(lidar.elevations_deg):
         return np.inf
-    return float(np.median(np.abs(made.elevations_deg - np.array(sheet.elevations_deg))))
+    return float(np.median(np.abs(lidar.elevations_deg - np.array(sheet.elevations_deg))))
 
 
-def _keys(made: MakerFile, sheet: Datasheet | None) -> dict[str, Any]:
+def _keys(lidar: MakerFile, sheet: Datasheet | None) -> dict[str, Any]:
     keys: dict[str, Any] = {} if sheet is None else {"name": sheet.name}
-    keys["elevations_deg"] = made.elevations_deg.round(DIGITS).tolist()
-    if np.ptp(made.azimuth_offsets_deg) or made.azimuth_offsets_deg.any():
-        keys["azimuth_offsets_deg"] = made.azimuth_offsets_deg.round(DIGITS).tolist()
-    if made.offsets_m is not None:
-        keys["offsets_m"] = made.offsets_m.round(DIGITS + 1).tolist()
+    keys["elevations_deg"] = lidar.elevations_deg.round(DIGITS).tolist()
+    if np.ptp(lidar.azimuth_offsets_deg) or lidar.azimuth_offsets_deg.any():
+        keys["azimuth_offsets_deg"] = lidar.azimuth_offsets_deg.round(DIGITS).tolist()
+    if lidar.offsets_m is not None:
+        keys["offsets_m"] = lidar.offsets_m.round(DIGITS + 1).tolist()
     for name in ("azimuth_steps", "azimuth_deg"):
-        if (value := getattr(made, name)) is not None:
+        if (value := getattr(lidar, name)) is not None:
             keys[name] = value
     return keys
 
 
-def _rows(made: MakerFile, sheet: Datasheet) -> Iterator[tuple[str, str, str]]:
+def _rows(lidar: MakerFile, sheet: Datasheet) -> Iterator[tuple[str, str, str]]:
     stated = np.array(sheet.elevations_deg)
-    yield "model", made.model or "–", f"{sheet.maker} {sheet.model}"
-    yield "beams", str(len(made.elevations_deg)), str(len(stated))
-    yield "elevation, degrees", _ends(made.elevations_deg), _ends(stated)
-    if len(stated) == len(made.elevations_deg):
-        apart = np.abs(made.elevations_deg - stated)
-        yield "difference, degrees", f"{np.median(apart):.3f}, at most {apart.max():.3f}", ""
-    yield "azimuth offsets, degrees", _ends(made.azimuth_offsets_deg), "–"
-    offsets, of_sheet = made.offsets_m, sheet.offsets_m
+    yield "model", lidar.model or "–", f"{sheet.maker} {sheet.model}"
+    yield "beams", str(len(lidar.elevations_deg)), str(len(stated))
+    yield "elevation, degrees", _ends(lidar.elevations_deg), _ends(stated)
+    if len(stated) == len(lidar.elevations_deg):
+        differences = np.abs(lidar.elevations_deg - stated)
+        yield (
+            "difference, degrees",
+            f"{np.median(differences):.3f}, at most {differences.max():.3f}",
+            "",
+        )
+    yield "azimuth offsets, degrees", _ends(lidar.azimuth_offsets_deg), "–"
+    offsets, of_sheet = lidar.offsets_m, sheet.offsets_m
     yield (
         "laser offsets, m",
         "–" if offsets is None else _ends(offsets),
         "–" if of_sheet is None else _ends(np.array(of_sheet)),
     )
-    steps = "–" if made.azimuth_steps is None else f"{made.azimuth_steps:,}"
+    steps = "–" if lidar.azimuth_steps is None else f"{lidar.azimuth_steps:,}"
     yield "azimuth steps", steps, f"{sheet.azimuth_steps:,}"
-    yield "rate, Hz", "–" if made.rate_hz is None else f"{made.rate_hz:g}", str(FRAMES_PER_S)
+    yield "rate, Hz", "–" if lidar.rate_hz is None else f"{lidar.rate_hz:g}", str(FRAMES_PER_S)
     yield "range, m", "–", f"{sheet.range:g}"
 
 

@@ -58,8 +58,10 @@ def recall_ground(
     area = Area(x=(low[0], high[0]), y=((low[1], high[1]),))
     placed = replace(STANDARD[object_class], headings=2)
     curve = default_curves().of(object_class, IOU)
-    asked = Requirement(object_class, area, "probability", 0.0, placed, step=STEP_M, curve=curve)
-    layout = lay_out(asked, vehicle)
+    requirement = Requirement(
+        object_class, area, "probability", 0.0, placed, step=STEP_M, curve=curve
+    )
+    layout = lay_out(requirement, vehicle)
     sights = at_class(sights_of(rig, vehicle.poses[""]), rig, object_class)
     every = range(len(rig.mounts))
     sets = [every, *([n for n in every if n != dead] for dead in every if len(every) > 1)]

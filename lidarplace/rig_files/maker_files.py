@@ -25,7 +25,7 @@ HOUSING_MM = 1.0  # a smaller distance from the axis is of no account
 
 @dataclass(frozen=True)
 class MakerFile:
-    """What a file says of a LiDAR; None where it says nothing."""
+    """A LiDAR as its file describes it; None for what the file leaves open."""
 
     elevations_deg: NDArray[np.float64]  # ascending, shape (beams,)
     azimuth_offsets_deg: NDArray[np.float64]  # of the beams, > 0 to the left, shape (beams,)

@@ -189,8 +189,8 @@ def _correction(validation: Validation) -> Section:
 def _next_steps(validation: Validation, decision: Decision) -> list[dict[str, str]]:
     """Return the step that uses the correction, or that adds what rays cannot go through."""
     if decision.answer == "no" and validation.scores.iloc[0]["world"] < 1.0:
-        what = "convert the log with a static world, which stops rays at what nobody labelled"
-        return [{"what": what, "line": "lidarplace convert … --clouds … --world"}]
+        step = "convert the log with a static world, which stops rays at what nobody labelled"
+        return [{"what": step, "line": "lidarplace convert … --clouds … --world"}]
     if decision.answer != "with a correction":
         return []
     lidar = {"name": "…", "correction": "correction.yaml"}

@@ -1,4 +1,4 @@
-"""What motion shows of a label file's convention: axes of the vehicle, zero and sense of yaw."""
+"""Evidence of motion on a label file's convention: axes of the vehicle, zero and sense of yaw."""
 
 from collections.abc import Iterator
 from itertools import product

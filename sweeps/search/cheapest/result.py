@@ -58,7 +58,7 @@ class CheapestAnswer:
 
     @cached_property
     def needed_for(self) -> list[str]:
-        """What fails without each LiDAR of the rig; empty texts for the closest one."""
+        """Constraints that fail without each LiDAR of the rig; empty texts for the closest one."""
         if self.rig is None:
             return [""] * len(self.listed)
         return needed_for(self.problem, self.rig, self.recall)
@@ -79,7 +79,7 @@ class CheapestAnswer:
 
     @property
     def refined(self) -> str:
-        """What refinement between the candidates gained, a sentence; "" for nothing."""
+        """Gain by refinement between the candidates, a sentence; "" for none."""
         before = self.chosen.rig
         if self.rig is None or before is None or self.rig == before:
             return ""

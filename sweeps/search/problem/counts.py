@@ -65,8 +65,8 @@ def nearest_models(
                 if after is not None and (after not in further or cost < further[after][0]):
                     further[after] = cost, (*models, model)
         best = further
-    kept = (choice for sums, choice in best.items() if _keep(sums, bounds))
-    return min(kept, key=lambda choice: choice[0], default=(0, None))[1]
+    choices = (choice for sums, choice in best.items() if _keep(sums, bounds))
+    return min(choices, key=lambda choice: choice[0], default=(0, None))[1]
 
 
 def possible_counts(

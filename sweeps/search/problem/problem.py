@@ -415,8 +415,8 @@ def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Assign
         mounts = itertools.zip_longest(rigs.of(file, name).mounts, written)
         fixed = {(lidar.mount.x, lidar.mount.y, lidar.mount.z) for lidar in space.fixed}
         lidars = [
-            MountedLidar("" if own is None else _model_of(file, number, own), "", mount)
-            for number, (mount, own) in enumerate(mounts, start=1)
+            MountedLidar("" if lidar is None else _model_of(file, number, lidar), "", mount)
+            for number, (mount, lidar) in enumerate(mounts, start=1)
             if (mount.x, mount.y, mount.z) not in fixed
         ]
         return assign_to_slots(space, lidars)

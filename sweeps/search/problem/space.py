@@ -37,7 +37,6 @@ from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.counts import CountsPerZone, count_all, nearest_models, possible_counts
 from sweeps.search.problem.rig import MountedLidar, Rig, mirrored, ordered, rounded
 from sweeps.search.problem.slots import ANGLES, Assignment, MountSlot, Spans
-from tracking.run_folders import search_json
 
 NUMBER = "lidars"
 """Parameter for the number of LiDARs: of all zones together, or after the name of a zone."""
@@ -435,19 +434,3 @@ def fits(slot: MountSlot, zone: Zone, mount: Mount, model: str) -> bool:
 
 def _same(one: Mount, other: Mount) -> bool:
     return all(abs(a - b) < _OFF for a, b in zip(astuple(one), astuple(other), strict=True))
-
-
-def zones_of(space: Space) -> list[search_json.Zone]:
-    """Describe the zones of a search with their ranges of angles, also by model."""
-
-    def angles(zone: str, model: str = "") -> dict[str, tuple[float, float]]:
-        return {f"{angle}_deg": span for angle, span in space.spans(zone, model).items()}
-
-    zones = []
-    for zone in space.zones:
-        settings, own = space.settings.zones[zone.name], angles(zone.name)
-        models = {m: search_json.Angles(**angles(zone.name, m)) for m in settings.models or ()}
-        pairs = settings.mirrored or space.settings.symmetric
-        shape = {"name": zone.name, "polygon": zone.polygon, "z": zone.z}
-        zones.append(search_json.Zone(**shape, **own, models=models, mirrored=pairs))
-    return zones

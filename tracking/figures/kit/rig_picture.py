@@ -129,11 +129,11 @@ def _camera(scene: Mapping[str, Any], vehicle: Vehicle | None, distance: float) 
     """Place the camera in front of the left side of the vehicle, and let it look at its middle."""
     ranges = np.array([scene[f"{axis}axis"]["range"] for axis in "xyz"])
     scale = _LONGEST / np.ptp(ranges, axis=1).max()
-    middle = scale * (extent_of(vehicle).mean(axis=0) - ranges.mean(axis=1))
-    eye = middle + scale * distance * _EYE
+    centre = scale * (extent_of(vehicle).mean(axis=0) - ranges.mean(axis=1))
+    eye = centre + scale * distance * _EYE
     return {
         name: dict(zip("xyz", place.tolist(), strict=True))
-        for name, place in (("eye", eye), ("center", middle))
+        for name, place in (("eye", eye), ("center", centre))
     }
 
 

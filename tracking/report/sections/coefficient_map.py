@@ -62,10 +62,10 @@ def coefficient_map(charts: Mapping[str, pd.DataFrame]) -> go.Figure:
 
     A chart has rows of `correlate` with the label of their `column`; those without ρ are left out.
     """
-    known = {name: chart[chart["spearman"].notna()] for name, chart in charts.items()}
-    known = {name: chart for name, chart in known.items() if len(chart)}
-    rows = labels.in_order(pd.concat([*known.values()])["surrogate"])
-    cells = [coefficient_cells(chart, rows) for chart in known.values()]
+    defined = {name: chart[chart["spearman"].notna()] for name, chart in charts.items()}
+    defined = {name: chart for name, chart in defined.items() if len(chart)}
+    rows = labels.in_order(pd.concat([*defined.values()])["surrogate"])
+    cells = [coefficient_cells(chart, rows) for chart in defined.values()]
     plot = figure("Rank correlation ρ with AP and recall", height=145 + 22 * len(rows))
     plot.add_heatmap(
         **cells[0],
@@ -84,10 +84,10 @@ def coefficient_map(charts: Mapping[str, pd.DataFrame]) -> go.Figure:
     plot.update_xaxes(showgrid=False, fixedrange=True, tickangle=0, tickfont={"size": 11})
     plot.update_yaxes(autorange="reversed", showgrid=False, fixedrange=True)
     plot.update_layout(margin={"t": 72, "l": 110})
-    if len(known) == 1:
+    if len(defined) == 1:
         return plot
     changes = [[{key: [values] for key, values in cell.items()}] for cell in cells]
-    return add_menu(plot, [text(name) for name in known], changes, y=1.02)
+    return add_menu(plot, [text(name) for name in defined], changes, y=1.02)
 
 
 def coefficient_cells(chart: pd.DataFrame, rows: list[str]) -> dict[str, Any]:
