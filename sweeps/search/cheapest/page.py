@@ -12,8 +12,8 @@ from sweeps.configuration.objective import TOTALS
 from sweeps.results.rigs import FILE as RIGS
 from sweeps.search.cheapest.result import FILE, CheapestAnswer, as_json, cost_text
 from sweeps.search.cheapest.rig_check import cost_of
-from sweeps.search.output.zones import zones_of
 from sweeps.search.problem.rig import Rig
+from sweeps.search.problem.zone_records import zones_of
 from tracking.figures.kit.grounds import ground_note, with_grounds
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.figures.kit.style import OUTLINE, colour, figure, legend_below

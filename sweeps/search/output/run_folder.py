@@ -28,10 +28,10 @@ from sweeps.results.pictures import uncovered
 from sweeps.results.rigs import FILE as RIGS
 from sweeps.search.output.tables import greedy_table, importances, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
-from sweeps.search.output.zones import zones_of
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig, placement_of
 from sweeps.search.problem.space import rig_of
+from sweeps.search.problem.zone_records import zones_of
 from sweeps.search.trials.aggregate import class_weights
 from sweeps.search.trials.study import assessment_of, finished_trials, journal_path
 from sweeps.search.verification.winners import AssessedRig, SearchFindings, stride_error
