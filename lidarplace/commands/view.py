@@ -78,11 +78,10 @@ def _notes(frame: Frame, crop: Crop, profile: str) -> list[str]:
     counts = frame.objects.loc[frame.inside, "class"].value_counts().sort_index()
     objects = ", ".join(f"{name} {count}" for name, count in counts.items()) or "none"
     x0, y0, z0, x1, y1, z1 = crop
+    roi = f"x {x0:g} to {x1:g}, y {y0:g} to {y1:g}, z {z0:g} to {z1:g} m".replace("-", "−")
     return [
         f"Route {frame.row['route']} ({frame.row['split']}), t = {frame.row['timestamp_s']:g} s; "
-        f"LiDARs of profile {profile}. "
-        f"ROI x {x0:g} to {x1:g}, y {y0:g} to {y1:g}, z {z0:g} to {z1:g} m. "
-        f"Objects with their centre in it: {objects}.",
+        f"LiDARs of profile {profile}. ROI {roi}. Objects with their centre in it: {objects}.",
         "x is forward, y left. Points of the ROI have the colour of their LiDAR, boxes that of "
         "their class and a line towards the front; of many points a random part is drawn. "
         "Drag to rotate all scenes, scroll to zoom, hover over fronts and LiDARs for details.",
