@@ -83,8 +83,10 @@ def test_points_in_the_range():
          [1.0, 0.0, float("nan"), 0.5], [1.0, 0.0, 2.5, float("inf")],
          [float("-inf"), 0.0, 2.5, 0.5]]
     )  # fmt: skip
-    inside = within(torch.cat([border, outside]), (0.0, -1.0, 2.0, 4.0, 1.0, 3.0))
-    assert inside.tolist() == border.tolist()
+    frames = [torch.cat([border, outside]), outside, border[:1]]
+    inside, counts = within(frames, (0.0, -1.0, 2.0, 4.0, 1.0, 3.0))
+    assert inside.tolist() == torch.cat([border, border[:1]]).tolist()
+    assert counts == [2, 0, 1]
 
 
 def test_sampling_keeps_the_far_points_and_repeats_evenly():

@@ -127,7 +127,7 @@ def test_one_more_lidar_that_cannot_be_asked_does_not_keep_what_was_met(tmp_path
     with_light = {"x": 0.5, "z": 1.8, "pitch_deg": 20.0, "lidar": {"range_10": 60.0}}
     studio = studio_of(tmp_path, requirements=[DARK], placements={"one": {"mounts": [with_light]}})
     assert not studio.violations()
-    with pytest.raises(ValueError, match=r"no pose was found .* and that keeps in black"):
+    with pytest.raises(ValueError, match=r"no pose .* keeps the limits .* and that keeps in black"):
         studio.add_best()  # of the file's model, of which no range_10 is known
     assert len(studio.rig.lidars) == 1
 

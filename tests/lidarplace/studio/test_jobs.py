@@ -91,7 +91,7 @@ def test_the_page_goes_on_while_something_runs_which_can_be_cancelled(page, brow
     browser.type("evaluate all rigs", True)
     until(lambda: "scene: 1 done" in page.panel.progress.content)
     assert page.panel.cancel.visible
-    with pytest.raises(ValueError, match="runs already"):
+    with pytest.raises(ValueError, match="another job is running"):
         page.jobs.evaluate()
     browser.type("pitch, °", 3.0)
     until(lambda: page.studio.rig.pose(0)["pitch"] == 3.0)
