@@ -126,10 +126,7 @@ def test_a_class_that_the_log_alone_knows_and_one_that_never_occurs():
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        (
-            {"yaw": [90.0, 0.0, 180.0, 0.1]},
-            r"2 of 4 boxes \(50 %\) are turned .* row 0: .* degrees",
-        ),
+        ({"yaw": [90.0, 0.0, 180.0, 0.1]}, r"2 of 4 boxes \(50 %\) are turned .* row 0: .*degrees"),
         ({"length": [4.0, 4500.0, 4.0, 4.0]}, r"1 of 4 boxes \(25 %\) are larger .* millimetres"),
         ({"length": [450.0, 400.0, 180.0, 420.0]}, r"4 of 4 boxes .* are larger .* centimetres"),
     ],
