@@ -449,14 +449,30 @@ search:
   lidars: 3
   models: {dome: {name: bpearl, price: 3, count: 2}, spinner: {name: vlp16, price: 4, count: 1}}
   zones:
-    roof: {x: [-1, 1], y: [-0.2, 0.2], z: [1.5, 1.7], lidars: 1, models: {spinner: {roll_deg: 5}}}
+    roof: {x: [-1, 1], y: [-0.2, 0.2], z: [1.5, 1.7], lidars: 1,
+           models: {spinner: {roll_deg: [0, 5]}}}
     side: {x: [0, 1], y: [0.9, 1.1], z: [0.6, 0.9], lidars: [0, 1], mirrored: true, models: [dome],
-           price: 1}
+           price: 1, facing_deg: 90, yaw_deg: [-95, 0], roll_deg: [-10, 0]}
+  pitch_deg: [-5, 5]
   fixed: [{x: -2.5, z: 0.8, yaw_deg: 180, model: spinner}]
   constraints: {price: 16}
 """
     studio = studio_of(tmp_path, text)
     assert not studio.violations()
+    studio.pose(1, roll=5.0, yaw=-80.0)  # as of the mirror image
+    studio.pose(3, roll=20.0)  # of a fixed one nothing is said
+    assert not studio.violations()
+    studio.pose(0, roll=5.0, yaw=100.0)
+    studio.pose(2, roll=-2.0, pitch=6.0)
+    turned = {one.text: one.excess for one in studio.violations()}
+    assert turned == {
+        "LiDAR 1: roll 5°, in side -10° to 0°": pytest.approx(5.0),
+        "LiDAR 1: yaw 100°, in side -5° to 90°": pytest.approx(10.0),
+        "LiDAR 3: roll -2°, in roof 0° to 5°": pytest.approx(2.0),
+        "LiDAR 3: pitch 6°, in roof -5° to 5°": pytest.approx(1.0),
+    }
+    for number in (0, 2):
+        studio.pose(number, roll=0.0, pitch=0.0, yaw=0.0)
     studio.model(2, "bpearl")
     assert [one.text for one in studio.violations()] == [
         "counts.bpearl: 3 bpearl, expected 2",
