@@ -67,7 +67,7 @@ def motion_in(log: BoxLog) -> LogMotion:
 
 
 def _codes(table: pd.DataFrame, names: Sequence[str]) -> NDArray[np.int64]:
-    return table.groupby(list(names), sort=False, dropna=False).ngroup().to_numpy(np.int64)
+    return np.asarray(table.groupby(list(names), sort=False, dropna=False).ngroup(), np.int64)
 
 
 def _rates(

@@ -239,6 +239,10 @@ class Lidar:
             return self
         return _in_frame(self, number % self.pattern.frames)
 
+    def at_once(self) -> Lidar:
+        """Return the LiDAR as it fires all rays at the moment of the frame."""
+        return replace(self, timing=None)
+
     def in_weather(self, weather: Weather) -> Lidar:
         """Return the LiDAR in that weather, whatever air it was in."""
         extinction = weather.extinction(self.wavelength)

@@ -9,6 +9,12 @@ from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
 
+STILL_WORLD = (
+    "rate_hz changes simulated clouds alone: coverage, surrogates, requirements and the studio "
+    "see a world that stands still at the moment of each frame."
+)
+"""Warning about LiDARs that take time for a frame."""
+
 
 @dataclass(frozen=True)
 class ScanTiming:
