@@ -98,7 +98,9 @@ class Lidar:
     correction: Correction | None = None
     offsets: tuple[float, ...] | None = None
     azimuth_offsets: tuple[float, ...] | None = None
-    timing: ScanTiming | None = field(default=None, metadata={OMIT_DEFAULT: True})
+    timing: SkipJsonSchema[InstanceOf[ScanTiming]] | None = field(
+        default=None, metadata={OMIT_DEFAULT: True}
+    )
 
     def __post_init__(self) -> None:
         elevations: Iterable[float] = self.elevations
