@@ -51,7 +51,7 @@ def requirements(
     from lidarplace.requirements.check_requirements import check_requirements
     from lidarplace.requirements.tables import by_rig, case_table, worst_cases
     from sweeps.configuration.requirements_file import read_requirements_check
-    from tracking.pages.requirements import verdict_table
+    from tracking.pages.requirements import counted, verdict_table
 
     with checked_input():
         check = read_requirements_check(config, set_ or [])
@@ -77,7 +77,7 @@ def requirements(
         printed = verdict_table(worst, ["rig"])
         words = {printed.head[i] for i in printed.words}
         output().print(table(None, printed.head, printed.rows, words=words))
-        say(f"{(~worst['met']).sum()} of {len(worst)} fail; {', '.join(paths.values())}")
+        say(f"{counted(worst)} {', '.join(paths.values())}")
     if not worst["met"].all():
         raise typer.Exit(1)
 
@@ -128,6 +128,20 @@ def _write(
     return {suffix: str(path) for suffix, path in paths.items()}
 
 
+def _picture(check: RequirementsCheck) -> Section:
+    """Draw the rigs on the vehicle, with the ground of the first ones by expected recall."""
+    from lidarplace.logs.boxes import CLASSES
+    from tracking.figures.kit.grounds import ground_note, with_grounds
+    from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
+    from tracking.pages.section import Section
+
+    pictured = {rig.name: PicturedRig.of(rig.mounts) for rig in check.rigs}
+    placements = {rig.name: rig for rig in check.rigs}
+    pictured = with_grounds(pictured, placements, check.vehicle, CLASSES)
+    notes = [AXES_AND_POSTS, ground_note(pictured)]
+    return Section("The rigs", notes, [rig_picture(pictured, check.vehicle)], columns=2)
+
+
 def _sections(
     check: RequirementsCheck, outcomes: Sequence[Sequence[RequirementResult]], worst: pd.DataFrame
 ) -> Iterator[Section]:
@@ -146,6 +160,7 @@ def _sections(
         first.notes.append(f"Pictures of {len(pictured)} of them, those that fail first.")
     first.notes += [COLOURS] if len(pictured) else []
     yield first
+    yield _picture(check)
     for layout in check.layouts:
         name = layout.requirement.name
         if layout.requirement.common_view is not None:

@@ -188,6 +188,6 @@ def test_a_lidar_that_cannot_be_asked_gets_a_line_and_the_rest_is_judged(tmp_pat
                "found 0.5"),
     ]  # fmt: skip
     assert all(math.isnan(v.excess) for v in studio.violations())
-    assert studio.too_little("in black") is None
+    assert studio.ground("in black") is None
     studio.enable(0, False)
     assert [one.requirement.name for one in studio.outcomes()] == ["in black", "somebody ahead"]

@@ -63,7 +63,7 @@ def test_without_a_lidar_nothing_is_seen(tmp_path):
     assert studio.numbers().expected_recall == {"Car": 0.0}
     assert studio.view.objects(None)["points"].tolist() == [0]
     assert len(studio.view.cloud(None, 1000).points) == 0
-    assert studio.too_little("an adult").share == 1.0
+    assert studio.ground("blind for an adult").share == 1.0
 
 
 def test_what_a_frame_shows(studio):
@@ -127,7 +127,7 @@ requirements:
     for x, y in outcome.positions.points.tolist():
         (hits,) = hits_of(studio.placement, studio.file.body, [x, y, 0.8, 0.5, 0.5, 1.6, 0.0])
         few += [(x, y)] if len(hits) < 4 else []
-    ground = studio.too_little("somebody near")
+    ground = studio.ground("somebody near")
     assert sorted(map(tuple, ground.middles.tolist())) == sorted(few)
     assert 0 < len(few) < len(outcome.positions.points)
     assert ground.share == len(few) / len(outcome.positions.points)
@@ -138,7 +138,7 @@ requirements:
     assert studio.outcomes() is studio.outcomes()  # is worked out once a rig
     studio.enable(0, False)
     assert [v.text for v in studio.violations()] == ["somebody near: no LiDAR works"]
-    assert studio.too_little("somebody near") is None
+    assert studio.ground("somebody near") is None
 
 
 def test_two_in_one_place_are_told_and_not_measured_and_a_lidar_snaps_onto_its_zone(studio):
@@ -406,7 +406,10 @@ placements:
     studio.pose(1, z=2.2)
     assert "facing" not in {one.limit for one in studio.violations()}
     assert studio.file.text_with(studio.rigs).count("a2d2_front_camera") == 1
-    assert studio.too_little("sensors on a child").sensors.max() == 2
+    assert studio.ground("sensors on a child").sensors.max() == 2
+    ground = studio.ground("recall of a Car")
+    assert ground.recall.mean() == ground.share
+    assert 0 < ground.share < 1
 
 
 def test_numbers_of_lidars_in_all_by_zone_and_by_model(tmp_path):
