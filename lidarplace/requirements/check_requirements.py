@@ -268,7 +268,7 @@ def _of_volume(case: _Case, roi: Roi) -> Iterator[_Measured]:
         share, undecided = int(seen.sum()) / int(outside.sum()), 0.0
         if abs(share - least) < NEAR_SHARE:
             low, high = _over_phases(case, roi, share, sets[number])
-            if low < least <= high:
+            if low < least - 1e-9 <= high:
                 share, undecided = low, high - low
         at_worst = float(shares[worst])
         yield label, CaseResult("", share, share, x, y, None, at_worst, undecided), shares

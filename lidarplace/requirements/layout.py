@@ -90,7 +90,7 @@ class RequirementLayout:
             fits = np.concatenate([~np.isnan(portion).all(axis=0) for portion in boxes])
             self._fits[pose] = fits.reshape(len(x), len(y))
         fits = self._fits[pose]
-        stride = (max(fits.shape) - 1) // max(max(tested.shape) - 1, 1)
+        stride = max(1, (max(fits.shape) - 1) // max(max(tested.shape) - 1, 1))
         away = np.ones(fits.shape, np.bool_)
         away[::stride, ::stride] = ~tested
         nearest = distance_transform_edt(away, return_distances=False, return_indices=True)

@@ -145,7 +145,7 @@ class Requirement:
     too."""
     least: float  # so much of it is needed
     placed: PlacedObject | None = None  # None for coverage and common view
-    share: float = 1.0  # of the positions that need to have it; 1: the worst one, too
+    share: float = 1.0  # of the area that needs to have it; 1: the worst place, too
     step: float = 0.25  # between positions, or edge of a voxel; metres
     heights: Interval = (0.0, 2.0)  # of the volume of coverage, metres
     curve: DetectionCurve | None = None  # for a probability

@@ -21,6 +21,7 @@ from lidarplace.mounting.zone import distance
 from lidarplace.requirements.check_requirements import RequirementResult, check_requirements
 from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.requirements.requirement import AS_BUILT
+from lidarplace.requirements.tables import case_row, verdict
 from lidarplace.rigs.catalogue.datasheet import datasheet
 from lidarplace.studio.rig import ANGLES, Rig
 from lidarplace.studio.rigs_file import RigsFile
@@ -207,6 +208,8 @@ def unmet(results: Sequence[RequirementResult]) -> Iterator[ReportedViolation]:
             f"{requirement.name}: {worst.value:.3g} {requirement.measured}, {missing:.3g} short of "
             f"{requirement.least:g}{case}{place}"
         )
+        if worst.undecided:
+            text += f" ({verdict({'for': requirement.share, **case_row(result, worst)})})"
         if not result.met:
             yield ReportedViolation("requirement", (), worst.value, missing, text)
 
