@@ -40,6 +40,7 @@ class RequirementLayout:
     roi: Roi | None
     bent: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     _fits: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+    _areas: dict[str, NDArray[np.float64]] = field(default_factory=dict)
 
     def boxes_in(self, pose: str) -> NDArray[np.float64]:
         """Return the objects around one of the vehicle's poses, as `boxes`."""
@@ -73,10 +74,11 @@ class RequirementLayout:
 
     def areas_in(self, pose: str) -> NDArray[np.float64]:
         """Return the areas of the positions around one of the vehicle's poses, shape (P,)."""
-        held = self.positions.held
-        tested = held.copy()
-        tested[held] = (~np.isnan(self.boxes_in(pose)[:, :, 0])).any(axis=0)
-        return self.areas(tested, pose)[held]
+        if pose not in self._areas:
+            tested = self.positions.held.copy()
+            tested[tested] = (~np.isnan(self.boxes_in(pose)[:, :, 0])).any(axis=0)
+            self._areas[pose] = self.areas(tested, pose)[self.positions.held]
+        return self._areas[pose]
 
     def areas(self, tested: NDArray[np.bool_], pose: str) -> NDArray[np.float64]:
         """Return how much of the area is nearest to each of the `tested` places of a halved grid.

@@ -109,7 +109,7 @@ def verdicts(
     for level in range(layout.levels + 1):
         fits, (x, y) = np.isfinite(values[:, :, 0]), layout.lines(level)
         i, j = fits.nonzero()
-        area = layout.areas(fits, pose)[fits]
+        area = layout.areas(fits, pose)[fits] if level else layout.areas_in(pose)[fits[held]]
         limit = _Limit(wanted, wanted.step / 2**level, layout.precision(pose) / 2**level)
         near = limit.near(values)
         last = level == layout.levels or 4 * values.size > _MOST_VALUES
