@@ -80,9 +80,9 @@ def _cost(row: pd.Series, reference: pd.Series) -> str:
     """Say how a surrogate was computed, its seconds and its error."""
     rays = f", {row['azimuth_steps']:,} azimuth steps" if row["azimuth_steps"] else ""
     frames = f", {row['frames']:,} frames" if row["frames"] < reference["frames"] else ""
-    how = f"{row['resolution']:g} m, {row['method']}{rays}{frames}"
+    computation = f"{row['resolution']:g} m, {row['method']}{rays}{frames}"
     error = f"error {_percent(row['median_error'])} %"
-    return f"{how}: {row['seconds']:.2g} s a placement, {error}"
+    return f"{computation}: {row['seconds']:.2g} s a placement, {error}"
 
 
 def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
