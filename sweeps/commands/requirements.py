@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lidarplace.command_line.terminal import Terminal, output, say, table
+from lidarplace.command_line.terminal import Terminal, output, print_warnings, say, table
 from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
+from lidarplace.rigs.scan_timing import STILL_WORLD
 from sweeps.options import DryRunOption, SetOption
 
 if TYPE_CHECKING:
@@ -58,6 +59,8 @@ def requirements(
             _print_plan(check, as_json)
             return
         console = Terminal(stderr=True)
+        if any(rig.takes_time for rig in check.rigs):
+            print_warnings(console, [STILL_WORLD], "")
         rigs = track(check.rigs, "rigs", console=console, disable=not console.is_terminal)
         outcomes = [
             check_requirements(check.layouts, rig, check.vehicle, further)
