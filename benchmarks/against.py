@@ -160,11 +160,10 @@ def rig() -> Call:
     from lidarplace import Roi
     from training import pretrained
 
-    evaluate = pretrained.evaluate_rig if hasattr(pretrained, "evaluate_rig") else pretrained.judge
     torch.set_num_threads(1)
     log, _, placement = log_and_rig()
     roi = Roi(x=(0, 40), y=(-20, 20), z=(0, 4), resolution=0.1)
-    return lambda turn: float(evaluate(placement, log, roi)["value"].sum())
+    return lambda turn: float(pretrained.evaluate_rigs([placement], log, roi)[0]["value"].sum())
 
 
 def training(detector: str) -> Call:

@@ -1,6 +1,5 @@
 """Pages of every kind in a browser: nothing is wider than the screen, no box ends within a row."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from sweeps.calibration.checks_section import checks_section
 from sweeps.calibration.curves_section import curves_section
 from sweeps.calibration.left_out import check
 from sweeps.commands.requirements import app as requirements
-from tests.lidarplace.studio.browsers import GUARD_S, chromium
+from tests.lidarplace.studio.browsers import GUARD_S, chromium, chromium_program
 from tests.sweeps.test_requirements_command import SMALL
 from tests.sweeps.toy import call
 from tests.tracking.made_up_run import report_of, write_run
@@ -49,8 +48,7 @@ def observations() -> pd.DataFrame:
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory) -> dict[str, Path]:
-    if shutil.which("chromium") is None:
-        pytest.skip("needs chromium")
+    chromium_program()
     folder = tmp_path_factory.mktemp("pages")
     report = report_of(write_run(folder / "run", seeds=(1, 2)), "best", "failures")
     search = build_search_report(write_search(folder / "search"))

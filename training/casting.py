@@ -2,10 +2,10 @@
 
 Parts, windows and planes are prepared on the CPU, for all frames in one call, and the points stay
 on the device. They are those of the CPU, but for rays within rounding of an edge: exponentials and
-logarithms differ in the last bit. Static worlds are cast on the CPU: a ray follows their columns,
-the blocks of a column and the cells of a block. The lanes of a Triton program share their loops,
-so each of these three would last as long as its slowest ray, and the kernel would be a second
-source of `lidarplace.clouds.static_world`."""
+logarithms differ in the last bit. LiDARs that take time for a frame are cast on the CPU, and so are
+static worlds: a ray follows their columns, the blocks of a column and the cells of a block. The
+lanes of a Triton program share their loops, so each of these three would last as long as its
+slowest ray, and the kernel would be a second source of `lidarplace.clouds.static_world`."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def points_on(device: torch.device, clouds: CloudFrames, batch: range) -> list[T
     points: list[Tensor] = []
     for part, frames in groupby(map(partial(_part_of, clouds), batch), key=itemgetter(0)):
         indices = [index for _, index in frames]
-        castable = isinstance(part, SimulatedClouds) and not part.has_static_world()
+        castable = isinstance(part, SimulatedClouds) and not part.needs_cpu()
         points += (cast_frames if castable else _copied)(part, indices, device)
     return points
 
@@ -151,11 +151,11 @@ class _Tables:
             for block_mount, block, of_block in blocks(mount, lidar):
                 beams = beams_of(block)
                 numbers.append(_numbers(block_mount, block, beams, lift, clouds))
-                own = 0 if block.pattern is None else 1
+                is_pattern = int(block.pattern is not None)
                 rows = self._rows(block, beams)
                 first = -1 if first_end < 0 else first_end + of_block.start
                 steps = beams.azimuths.shape[2]
-                angles = own, rows.elevations, rows.azimuths
+                angles = is_pattern, rows.elevations, rows.azimuths
                 shape = (0, block.rays, steps, *angles, 0, 0, first, rows.mask)
                 integers.append((*shape, 0, 0, 0, of_block.start, lidar.rays, 0))
                 reach.append(beams.reach)

@@ -44,7 +44,7 @@ def device() -> torch.device:
     A GPU that they cannot use is logged, once in a process."""
     if problem := gpu_problem():
         _warn(f"{problem}; networks run on the CPU")
-    usable = not problem and torch.cuda.is_available()
+    usable = has_card() and not problem and torch.cuda.is_available()
     return torch.device("cuda" if usable else "cpu")
 
 

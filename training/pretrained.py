@@ -136,53 +136,6 @@ def read_generalist(path: Path = PRETRAINED) -> Generalist:
         raise InputError(fault, place=path, fix=f"write it with {fix}") from error
 
 
-def evaluate_rig(
-    placement: Placement,
-    log: BoxLog | Path | str,
-    roi: Roi,
-    classes: Sequence[str] = CLASSES,
-    *,
-    split: str = "test",
-    errors: MountingErrors = MountingErrors(),
-    vehicle: Vehicle | None = None,
-    seed: int = 0,
-    weights: Path | str = PRETRAINED,
-) -> pd.DataFrame:
-    """Compute AP and recall of a rig by a generalist, without a training, in seconds.
-
-    Clouds are simulated with the azimuth steps that the LiDARs have, and forgotten. `evaluate_rigs`
-    is faster for several rigs.
-
-    Args:
-        placement: the rig.
-        log: what is around the vehicle, or its folder.
-        roi: where objects count, ego frame, metres.
-        classes: classes to detect.
-        split: of the frames, "train" or "test"; "": all of them.
-        errors: of mounts in the clouds.
-        vehicle: that carries the rig; None: a sedan.
-        seed: of noise, and of the shapes of the objects.
-        weights: a file of `lidarplace pretrain`; by default the package's.
-
-    Returns `metrics` of `training.kitti_ap.Evaluation`, percent.
-
-    Raises OSError if log or weights cannot be read; InputError or ValueError if they are not what
-    they should be, no frame is of the split, or rig, ROI or a class are outside of what the
-    generalist was trained on."""
-    (table,) = evaluate_rigs(
-        [placement],
-        log,
-        roi,
-        classes,
-        split=split,
-        errors=errors,
-        vehicle=vehicle,
-        seed=seed,
-        weights=weights,
-    )
-    return table
-
-
 def evaluate_rigs(
     placements: Sequence[Placement],
     log: BoxLog | Path | str,
@@ -195,9 +148,27 @@ def evaluate_rigs(
     seed: int = 0,
     weights: Path | str = PRETRAINED,
 ) -> list[pd.DataFrame]:
-    """Compute the table of `evaluate_rig` for each of several rigs.
+    """Compute AP and recall of rigs by a generalist, without a training, in seconds.
 
-    They share log, surroundings, ground truth and network. Arguments and errors as there."""
+    Clouds are simulated with the azimuth steps that the LiDARs have, and forgotten. The rigs share
+    log, surroundings, ground truth and network.
+
+    Args:
+        placements: the rigs.
+        log: what is around the vehicle, or its folder.
+        roi: where objects count, ego frame, metres.
+        classes: classes to detect.
+        split: of the frames, "train" or "test"; "": all of them.
+        errors: of mounts in the clouds.
+        vehicle: that carries the rigs; None: a sedan.
+        seed: of noise, and of the shapes of the objects.
+        weights: a file of `lidarplace pretrain`; by default the package's.
+
+    Returns `metrics` of `training.kitti_ap.Evaluation` for each rig, percent.
+
+    Raises OSError if log or weights cannot be read; InputError or ValueError if they are not what
+    they should be, no frame is of the split, or rig, ROI or a class are outside of what the
+    generalist was trained on."""
     if not placements:
         return []
     generalist = read_generalist(Path(weights))

@@ -17,6 +17,8 @@ from pathlib import Path
 from lidarplace.base.errors import InputError
 from lidarplace.base.plugin_folders import Folders, active_folders
 
+OMIT_DEFAULT = "omit default"
+"""Metadata of a field that is in the key of a result only if it differs from its default."""
 PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
 """The packages of this project."""
 

@@ -26,9 +26,13 @@ def _interval(key: str, ends: Any) -> Interval:
     return low, high
 
 
-def _nearest(low: float, high: float, edge: float) -> Interval:
-    """Return the nearest interval of whole edges: symmetric about 0, or with the same lower end."""
-    length = max(1, round((high - low) / edge)) * edge
+def _cells(low: float, high: float, edge: float) -> int:
+    """Return the whole number of edges, at least 1, that is nearest to an interval."""
+    return max(1, round((high - low) / edge))
+
+
+def _resized(low: float, high: float, length: float) -> Interval:
+    """Return an interval of this length: symmetric about 0, or with the same lower end."""
     start = -0.5 * length if low == -high else low
     return round(start, 9), round(start + length, 9)
 
@@ -44,8 +48,8 @@ class Roi:
         resolution: edge of a voxel in metres.
 
     Raises:
-        ValueError: an interval is no pair of numbers, empty, not finite, or no multiple of the
-            resolution."""
+        ValueError: an interval is not a pair of numbers, is empty, not finite, or not a multiple
+            of the resolution."""
 
     x: Interval
     y: Interval
@@ -67,15 +71,16 @@ class Roi:
                 most = f"at most {MOST_CELLS:,} voxels"
                 raise InputError(problem, key=key, expected=most, found=f"{cells:g}")
             if round(cells) < 1 or abs(cells - round(cells)) > 1e-6 * max(1.0, cells):
-                near_low, near_high = _nearest(low, high, edge)
+                whole = _cells(low, high, edge)
+                near_low, near_high = _resized(low, high, whole * edge)
                 fix = f"the nearest is [{near_low:g}, {near_high:g}], "
-                fix += f"the nearest resolution {(high - low) / max(1, round(cells)):.10g} m"
+                fix += f"the nearest resolution {(high - low) / whole:.10g} m"
                 raise InputError(problem, key=key, expected="a whole number of voxels", fix=fix)
 
     @classmethod
     def nearest(cls, x: Interval, y: Interval, z: Interval, resolution: float) -> Roi:
         """Return the ROI of whole voxels that is nearest to these sides. Raises as `Roi`."""
-        x, y, z = (_nearest(*side, resolution) for side in (x, y, z))
+        x, y, z = (_resized(*s, _cells(*s, resolution) * resolution) for s in (x, y, z))
         return cls(x, y, z, resolution)
 
     @property

@@ -15,6 +15,7 @@ from lidarplace.clouds.clouds import Crop, PointClouds, as_kept
 from lidarplace.clouds.droplets import scatter_back
 from lidarplace.clouds.ground import Ground
 from lidarplace.clouds.hashed import key_of
+from lidarplace.clouds.moving import Motion, cast_moving, poses_at
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import Hits
 from lidarplace.clouds.returns import LARGEST_ERROR, CloudPart, sample_points
@@ -26,8 +27,13 @@ from lidarplace.clouds.worlds import WorldAround
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Placement
+from lidarplace.rigs.scan_timing import ScanTiming
 
+FASTEST_M_S = 100.0
+"""Speed of a vehicle at most: buildings that it may reach within a frame matter."""
+_PHASE = 1  # purpose of a random number
 GROUND_MARGIN_M = 0.5
 """Points this far below the ROI are kept: a noisy return from the ground lies under z = 0."""
 
@@ -72,7 +78,8 @@ def collect(
         vehicle: carries the LiDARs; None: a sedan.
 
     Raises:
-        ValueError: a box is bad, a frame is not in the log, or the crop is empty."""
+        ValueError: a box is bad, a frame is not in the log, the crop is empty, or a LiDAR takes
+            time for a frame, and the log does not show motion or has a static world."""
     how = seed, misaligned_heights, errors, vehicle
     return SimulatedClouds(log, frames, placement, crop, *how).kept()
 
@@ -85,7 +92,8 @@ class Scene(NamedTuple):
         ends: of the rays of each LiDAR at the rig, see `lidarplace.clouds.shade`.
         parts: objects, buildings and the vehicle's own body.
         world: static world; None where the log has none.
-        classes: of the objects, for a correction; empty without one."""
+        classes: of the objects, for a correction; empty without one.
+        motion: of the parts, for LiDARs that take time for a frame; None where none does."""
 
     rig: Placement
     ends: list[NDArray[np.float64]]
@@ -93,6 +101,7 @@ class Scene(NamedTuple):
     ground: Ground
     world: WorldAround | None
     classes: list[str]
+    motion: Motion | None
 
 
 class SimulatedClouds:
@@ -131,6 +140,10 @@ class SimulatedClouds:
         self._placement, self._errors = placement, errors
         self._vehicle, self._body = vehicle, body_parts(vehicle)
         self._patterns = any(lidar.pattern is not None for lidar in lidars)
+        self._take_time = any(lidar.timing is not None for lidar in lidars)
+        if self._take_time and self.has_static_world():
+            problem, fix = "a static world does not move", "remove rate_hz, or world.npz of the log"
+            raise InputError(problem, key="rate_hz", fix=fix)
         moves = bool(errors) or self._patterns
         self._ends = None if moves else ends_in_rig(placement, vehicle)
         self.crop, self.seed = crop, seed
@@ -145,6 +158,8 @@ class SimulatedClouds:
         away = max(math.hypot(mount.x, mount.y) for mount in mounts) + math.sqrt(2) * errors.offset
         longest = max(lidar.range for lidar in lidars)
         self._reach = min(max(math.hypot(*corners[:2]), away), longest + slack + away)
+        half = max((lidar.timing.half for lidar in lidars if lidar.timing), default=0.0)
+        self._reach += half * FASTEST_M_S
         self._points = np.empty((sum(lidar.rays for lidar in lidars), 4), np.float32)
         self._hits: dict[int, Hits] = {}
 
@@ -176,11 +191,16 @@ class SimulatedClouds:
         ends = ends_in_rig(rig, self._vehicle) if self._ends is None else self._ends
         corrected = any(lidar.correction for lidar in rig.lidars)
         classes = self._surroundings.classes(frame) if corrected else []
-        return Scene(rig, ends, parts, ground, world, classes)
+        motion = self._surroundings.motion(frame, parts) if self._take_time else None
+        return Scene(rig, ends, parts, ground, world, classes, motion)
 
     def has_static_world(self) -> bool:
         """Test if any scene of the log has a static world."""
         return bool(self._surroundings.worlds.origins.size)
+
+    def needs_cpu(self) -> bool:
+        """Test if the clouds have a part that is cast on the CPU alone: time, or a world."""
+        return self._take_time or self.has_static_world()
 
     def kept(self) -> PointClouds:
         """Simulate all frames and pack them."""
@@ -194,17 +214,50 @@ class SimulatedClouds:
         frame, scene = int(self.frames[index]), self.scene(index)
         rig, ground = scene.rig, scene.ground
         counts = np.zeros(len(rig.mounts), np.int32)
-        views = zip(rig.mounts, rig.lidars, self.lifts, scene.ends, strict=True)
-        for m, (mount, lidar, lift, rig_ends) in enumerate(views):
-            into = self._hits.get(lidar.rays)
-            surroundings = scene.parts, scene.world, self.regions[m]
-            hits = cast_in_world(mount, lidar, *surroundings, into, rig_ends)
-            self._hits[lidar.rays] = hits
+        views = zip(rig.mounts, rig.lidars, self.lifts, strict=True)
+        for m, (mount, lidar, lift) in enumerate(views):
             free, key = self._points[counts.sum() :], (self.seed, frame, m)
+            hits, poses = self._cast(scene, m, key)
             scatter_back(lidar, hits, key)
-            part = CloudPart(key, lift, scene.classes)
+            part = CloudPart(key, lift, scene.classes, poses)
             counts[m] = sample_points(mount, lidar, hits, ground, self.crop, part, free)
         return self._points[: counts.sum()], counts
+
+    def _cast(
+        self, scene: Scene, number: int, key: tuple[int, int, int]
+    ) -> tuple[Hits, NDArray[np.float64] | None]:
+        """Return the hits of a LiDAR, and the poses of the vehicle that move its points, if any.
+
+        Hits of LiDARs with as many rays share memory."""
+        mount, lidar = scene.rig.mounts[number], scene.rig.lidars[number]
+        region, ends, into = self.regions[number], scene.ends[number], self._hits.get(lidar.rays)
+        if scene.motion is None or (timing := lidar.timing) is None:
+            surroundings, poses = (scene.parts, scene.world, region), None
+            hits = cast_in_world(mount, lidar, *surroundings, into, ends)
+        else:
+            moments, ego, poses = _moments(lidar, timing, key), scene.motion.ego, None
+            if timing.compensated:
+                poses, region = poses_at(moments, ego), _grown(region, timing.half, ego)
+            moving = scene.parts, scene.motion, moments
+            hits = cast_moving(mount, lidar, *moving, region, into, ends)
+        self._hits[lidar.rays] = hits
+        return hits, poses
+
+
+def _moments(lidar: Lidar, timing: ScanTiming, key: tuple[int, int, int]) -> NDArray[np.float64]:
+    """Return the moments of the rays of a LiDAR in a frame, whose free phase is drawn by `key`."""
+    phase = timing.phase
+    if phase is None:
+        phase = np.random.default_rng(key_of(*key, _PHASE)).uniform(0, 2 * math.pi)
+    return timing.moments(lidar.scan_shares(), phase)
+
+
+def _grown(region: Crop, half: float, ego: NDArray[np.float64]) -> Crop:
+    """Return a region that holds another one as the vehicle sees it within `half` a frame."""
+    farthest = math.hypot(*np.maximum(np.abs(region[:2]), np.abs(region[3:5])))
+    slack = half * (math.hypot(ego[0], ego[1]) + abs(ego[2]) * farthest)
+    x0, y0, z0, x1, y1, z1 = region
+    return x0 - slack, y0 - slack, z0, x1 + slack, y1 + slack, z1
 
 
 def _in_frame(placement: Placement, seed: int, frame: int) -> Placement:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarplace.base.kernel_cache import inner
+from lidarplace.base.kernel_cache import inlined, inner
 
 
 @inner
@@ -23,6 +23,27 @@ def fill_corners(part, corners):
         corners[n, 2] = part[2] + (top - 0.5) * part[5]
 
 
+@inlined
+def plane_of(part, face, place):
+    """Return the outward normal of a plane of a part, and how far a place is outside of it.
+
+    In the frame of the part, whose origin is in its middle."""
+    hx, hy, hz = 0.5 * part[3], 0.5 * part[4], 0.5 * part[5]
+    ox, oy, oz = place
+    sign = 1.0 if face & 1 else -1.0
+    out, up = 1.0, 0.0
+    if face < 4:
+        inset = part[9] if face >= 2 else part[7] if face == 1 else part[8]
+        if part[5] > 0.0 and inset != 0.0:
+            slant = math.hypot(part[5], inset)
+            out, up = part[5] / slant, inset / slant
+    if face < 2:
+        return sign * out, 0.0, up, out * (sign * ox - hx) + up * (oz + hz)
+    if face < 4:
+        return 0.0, sign * out, up, out * (sign * oy - hy) + up * (oz + hz)
+    return 0.0, 0.0, sign, sign * oz - hz
+
+
 @inner
 def fill_planes(part, origin, rotation, planes):
     """Fill the planes of a part, those that face the sensor first; return how many do.
@@ -35,25 +56,9 @@ def fill_planes(part, origin, rotation, planes):
     c, s = math.cos(part[6]), math.sin(part[6])
     ex, ey, oz = origin[0] - part[0], origin[1] - part[1], origin[2] - part[2]
     ox, oy = c * ex + s * ey, c * ey - s * ex
-    hx, hy, hz = 0.5 * part[3], 0.5 * part[4], 0.5 * part[5]
     facing, others, along = 0, 6, 0
     for face in range(6):
-        sign = 1.0 if face & 1 else -1.0
-        out, up = 1.0, 0.0
-        if face < 4:
-            inset = part[9] if face >= 2 else part[7] if face == 1 else part[8]
-            if part[5] > 0.0 and inset != 0.0:
-                slant = math.hypot(part[5], inset)
-                out, up = part[5] / slant, inset / slant
-        if face < 2:
-            nx, ny, nz = sign * out, 0.0, up
-            distance = out * (sign * ox - hx) + up * (oz + hz)
-        elif face < 4:
-            nx, ny, nz = 0.0, sign * out, up
-            distance = out * (sign * oy - hy) + up * (oz + hz)
-        else:
-            nx, ny, nz = 0.0, 0.0, sign
-            distance = sign * oz - hz
+        nx, ny, nz, distance = plane_of(part, face, (ox, oy, oz))
         bias = 0.0
         if abs(distance) < 1e-290:
             distance, bias = 1e-300, 1e10
@@ -101,7 +106,8 @@ class Window(NamedTuple):
         azimuth, right, left: a direction to the part, and how far the part reaches to either side
             of it, radians; pi if the sensor's axis meets the part or passes close by.
         lowest, highest: bounds of the elevation, radians.
-        nearest, farthest: bounds of the distance, metres."""
+        nearest, farthest: bounds of the distance, metres.
+        beside: least distance from the sensor's axis, metres."""
 
     azimuth: float
     right: float
@@ -110,6 +116,7 @@ class Window(NamedTuple):
     highest: float
     nearest: float
     farthest: float
+    beside: float
 
 
 @inner
@@ -154,7 +161,7 @@ def window_of(corners, origin, rotation):
     down = math.atan2(lowest, near if lowest < 0 else far)
     up = math.atan2(highest, near if highest > 0 else far)
     distances = math.hypot(near, height), math.hypot(far, reach)
-    return Window(azimuth, right, left, down - 1e-9, up + 1e-9, *distances)
+    return Window(azimuth, right, left, down - 1e-9, up + 1e-9, *distances, near)
 
 
 @inner

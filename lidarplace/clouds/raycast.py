@@ -3,7 +3,7 @@
 Every ray goes to the nearest surface that it *enters*: a part around the sensor is transparent.
 `cast_compiled`:
 
-1. lets every ray meet the flat ground, its end at the rig, or nothing: `_start_nearest`;
+1. lets every ray meet the flat ground, its end at the rig, or nothing: `start_nearest`;
 2. passes over parts that are out of reach, between two beams, or not before the crop;
 3. lets rays meet the other parts where nothing nearer is met: `_meet_part`;
 4. turns inverse distances and numbers of parts into hits: `_fill_hits`.
@@ -249,7 +249,7 @@ def cast_compiled(rays, surfaces, crop, ends, hits, level=True):
     origin, rotation, beams = rays
     number, steps = len(surfaces.owner), beams.azimuths.shape[2]
     nearest = Nearest(np.empty(len(hits.range)), np.empty(len(hits.range), np.int32))
-    _start_nearest(rays, ends, level, nearest)
+    start_nearest(rays, ends, level, nearest)
     planes, facing = np.empty((number, 6, 5)), np.zeros(number, np.int64)
     corners, enter = np.empty((8, 3)), np.empty(steps)
     for part in range(number):
@@ -257,7 +257,7 @@ def cast_compiled(rays, surfaces, crop, ends, hits, level=True):
         if is_apart(corners, origin, crop):
             continue
         window = window_of(corners, origin, rotation)
-        if window.nearest > beams.reach or not _is_between(beams, window):
+        if window.nearest > beams.reach or not is_between(beams, window):
             continue
         facing[part] = fill_planes(surfaces.geometry[part], origin, rotation, planes[part])
         if facing[part] > 0:
@@ -267,16 +267,16 @@ def cast_compiled(rays, surfaces, crop, ends, hits, level=True):
 
 
 @inlined
-def _height_over_ground(rays, level):
+def height_over_ground(rays, level):
     """Return the height of the sensor over flat ground; NaN if there is none or it is not above."""
     return rays.origin[2] if level and rays.origin[2] > 0.0 else np.nan
 
 
 @inlined
-def _start_nearest(rays, ends, level, nearest):
+def start_nearest(rays, ends, level, nearest):
     """Let every ray meet the flat ground, its end at the rig, or nothing within its reach."""
     _, rotation, beams = rays
-    steps, high = beams.azimuths.shape[2], _height_over_ground(rays, level)
+    steps, high = beams.azimuths.shape[2], height_over_ground(rays, level)
     farthest = 1.0 / beams.reach * (1.0 - 4e-16)
     for beam in range(len(beams.elevations)):
         ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
@@ -311,7 +311,7 @@ def is_apart(corners, origin, crop):
 
 
 @inlined
-def _is_between(beams, window):
+def is_between(beams, window):
     """Return whether a beam is in a window: what is thin, as a plate is, mostly is in none."""
     start, end = beams_in(beams, window)
     met = False
@@ -357,7 +357,7 @@ def _fill_hits(rays, surfaces, faces, nearest, level, hits):
     beams, (facing, planes) = rays.beams, faces
     (ranges, targets, reflected), (inverses, parts) = hits, nearest
     _, owner, reflectivity = surfaces
-    steps, high = beams.azimuths.shape[2], _height_over_ground(rays, level)
+    steps, high = beams.azimuths.shape[2], height_over_ground(rays, level)
     for beam in range(len(beams.elevations)):
         ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
         cosines, sines = along(beams, beam)

@@ -39,11 +39,14 @@ class CloudPart(NamedTuple):
         key: seed, frame and index of the LiDAR; with the ray it decides drop-off and noise.
         lift: height by which points are raised before the cut, metres.
         classes: of objects by the number that hits have of them, for a correction; what has another
-            number is no object to it."""
+            number is no object to it.
+        poses: of the vehicle at the moment of each ray, of `lidarplace.clouds.moving.poses_at`, if
+            points are moved to where it sees them at the moment of the frame; None: they stay."""
 
     key: tuple[int, int, int]
     lift: float = 0.0
     classes: Sequence[str] = ()
+    poses: NDArray[np.float64] | None = None
 
 
 def sample_points(
@@ -89,7 +92,8 @@ def sample_points(
     for rays, numbers in rays_of(mount, lidar):
         of_block = chance._replace(first_ray=numbers.start)
         block_hits = hits.of(numbers)
-        count += _sample(rays, block_hits, region, cells, of_block, dimming, points[count:])
+        free = points[count:]
+        count += _sample(rays, block_hits, region, cells, of_block, dimming, free, part.poses)
     return count
 
 
@@ -197,6 +201,23 @@ def _toward(axis, cosine, sine):
 
 
 @inlined
+def _poses_along(poses, beams, beam):
+    """Return the poses of the vehicle at the steps of a beam."""
+    if poses is None:
+        return None
+    return poses[beam if len(beams.aimed) else 0]
+
+
+@inlined
+def _moved(x, y, poses, step):
+    """Return a place in the frame of the vehicle at a step in that of the frame's moment."""
+    if poses is None:
+        return x, y
+    c, s = poses[step, 0], poses[step, 1]
+    return poses[step, 2] + c * x - s * y, poses[step, 3] + s * x + c * y
+
+
+@inlined
 def _is_within(x, y, z, crop, slack):
     """Return whether a point is in a crop, grown by `slack`."""
     within = (x >= crop[0] - slack) & (x <= crop[3] + slack) & (y >= crop[1] - slack)
@@ -205,8 +226,8 @@ def _is_within(x, y, z, crop, slack):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sample(rays, hits, region, ground, chance, dimming, points) -> int:
-    """Write the returns within a region to `points` and return their number.
+def _sample(rays, hits, region, ground, chance, dimming, points, poses) -> int:
+    """Write the returns within a region to `points` and return their number; `poses` may be None.
 
     Beam by beam, in short loops over arrays without branches: list the steps that are within the
     region, or may err into it; drop lost returns; draw errors; write the points."""
@@ -222,7 +243,8 @@ def _sample(rays, hits, region, ground, chance, dimming, points) -> int:
         cosines, sines = azimuths
         distances, target = ranges[first : first + steps], targets[first : first + steps]
         light, of_beam = reflected[first : first + steps], (distances, target)
-        _mark_within(line, azimuths, of_beam, region, chance.noise, inside)
+        of_rays = _poses_along(poses, beams, beam)
+        _mark_within(line, azimuths, of_beam, region, chance.noise, of_rays, inside)
         number = 0
         for n in range(steps):
             kept_steps[number] = n
@@ -246,6 +268,7 @@ def _sample(rays, hits, region, ground, chance, dimming, points) -> int:
             cosine, sine = cosines[n], sines[n]
             px = line.start[0] + length * _toward(line.x, cosine, sine)
             py = line.start[1] + length * _toward(line.y, cosine, sine)
+            px, py = _moved(px, py, of_rays, n)
             rise = _toward(line.z, cosine, sine)
             flat = target[n] == region.flat
             pz = region.lift + errors[i] * rise if flat else line.start[2] + length * rise
@@ -262,12 +285,13 @@ def _sample(rays, hits, region, ground, chance, dimming, points) -> int:
 
 
 @inlined
-def _mark_within(line, azimuths, hits, region, noise, inside):
+def _mark_within(line, azimuths, hits, region, noise, poses, inside):
     """Mark the steps of a beam whose hits return light and are in a region, up to their errors."""
     (cosines, sines), (ranges, targets), slack = azimuths, hits, LARGEST_ERROR * noise
     for n in range(len(inside)):
         px = line.start[0] + ranges[n] * _toward(line.x, cosines[n], sines[n])
         py = line.start[1] + ranges[n] * _toward(line.y, cosines[n], sines[n])
+        px, py = _moved(px, py, poses, n)
         pz = line.start[2] + ranges[n] * _toward(line.z, cosines[n], sines[n])
         # Rounding must not push the ground out of a crop that starts at z = 0.
         pz = region.lift if targets[n] == region.flat else pz

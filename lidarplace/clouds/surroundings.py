@@ -1,6 +1,7 @@
 """Surroundings of the vehicle in a frame of a box log: objects, buildings, world and the ground."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -9,11 +10,13 @@ from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
 from lidarplace.clouds.ground import CELL_M, CELLS, Ground, square
+from lidarplace.clouds.moving import Motion, part_motion
 from lidarplace.clouds.reflectivity import Material, reflectivity, uniforms
 from lidarplace.clouds.shapes import BUILDING, PANE, SIGN, Parts, bricks, shapes_of
 from lidarplace.clouds.worlds import WorldAround, worlds_of
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, check_boxes, full_poses
+from lidarplace.logs.motion import LogMotion, motion_in
 
 SIGN_M = 0.6
 """Edge of a sign, one in front of a building and one behind it."""
@@ -82,6 +85,18 @@ class Surroundings:
     def classes(self, frame: int) -> list[str]:
         """Return the classes of the objects of this frame, numbered as in `rows`."""
         return [str(name) for name in self._classes.iloc[self.rows(frame)]]
+
+    @cached_property
+    def _motion(self) -> LogMotion:
+        return motion_in(self.log)
+
+    def motion(self, frame: int, parts: Parts) -> Motion:
+        """Return the motion of the vehicle and of the `parts` of a frame, its own body included.
+
+        Raises ValueError as `motion_in` does."""
+        rows, row = self.rows(frame), self.log.frames["frame"].to_numpy() == frame
+        rates = part_motion(parts, self._geometry[rows, :2], self._motion.boxes[rows])
+        return Motion(self._motion.frames[row][0], rates)
 
     def parts(self, frame: int, reach: float) -> Parts:
         """Return objects of the frame, owners numbered as in `rows`, and buildings; ego frame.

@@ -137,7 +137,7 @@ class _Aimed(NamedTuple):
 def _seen_parts(viewpoint, surfaces):
     """Return the parts as they are seen from the viewpoint."""
     number, upright, corners = len(surfaces.owner), np.eye(3), np.empty((8, 3))
-    windows, facing = np.empty((number, 7)), np.empty(number, np.int64)
+    windows, facing = np.empty((number, 8)), np.empty(number, np.int64)
     planes = np.empty((number, 6, 5))
     for p in range(number):
         fill_corners(surfaces.geometry[p], corners)
@@ -152,14 +152,15 @@ def _joint_window(windows):
     """Return the `Window` that holds those of all parts of an object."""
     azimuth = windows[0, 0] if len(windows) else 0.0
     right = left = farthest = 0.0
-    lowest, highest, nearest = np.inf, -np.inf, np.inf
+    lowest, highest, nearest, beside = np.inf, -np.inf, np.inf, np.inf
     for row in windows:
         turn = shorter_turn(azimuth, row[0])
         right, left = max(right, row[1] - turn), max(left, row[2] + turn)
         lowest, highest = min(lowest, row[3]), max(highest, row[4])
         nearest, farthest = min(nearest, row[5]), max(farthest, row[6])
+        beside = min(beside, row[7])
     right, left = min(right, math.pi), min(left, math.pi)
-    return Window(azimuth, right, left, lowest, highest, nearest, farthest)
+    return Window(azimuth, right, left, lowest, highest, nearest, farthest, beside)
 
 
 @inner

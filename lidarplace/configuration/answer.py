@@ -5,12 +5,14 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import Field
 
-from lidarplace.configuration.mounting import KeepOuts, carrier_of
+from lidarplace.configuration.mounting import REAL_MOUNTS, KeepOuts, carrier_of
 from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.settings import Settings, validated
 from lidarplace.configuration.vehicle import OwnVehicle
+from lidarplace.configuration.zones import AngleSettings
 
 _OF_SEARCHES = ("search", "robustness", "verify", "placement", "placements")
 ALLOWANCES = ("zones", "lidars", "counts", "prices", "constraints", "allow_blind_lidars")
@@ -64,7 +66,8 @@ def studio_content(raw: Mapping[str, Any], rigs: Mapping[str, Any]) -> dict[str,
         n: model if isinstance(model, dict) else {"name": model} for n, model in models.items()
     }
     names = {name: model.get("name") for name, model in models.items()}
-    content["zones"] = {name: _zone(zone, names) for name, zone in search["zones"].items()}
+    turns = _turns(search)
+    content["zones"] = {n: turns | _zone(zone, names) for n, zone in search["zones"].items()}
     for number, mount in enumerate(fixed, start=1):
         spot = {axis: mount[axis] for axis in "xyz" if axis in mount}
         content["zones"][f"fixed {number}"] = {"x": 0, "y": 0, "standoff": None} | spot
@@ -83,11 +86,23 @@ def studio_content(raw: Mapping[str, Any], rigs: Mapping[str, Any]) -> dict[str,
     return content
 
 
+def _turns(search: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the angles that all zones of a search share; of symmetric rigs with mirror images."""
+    turns = {key: search[key] for key in AngleSettings.model_fields if key in search}
+    for key in {"roll_deg", "yaw_deg"} & turns.keys() if search.get("symmetric") else ():
+        most = float(np.abs(turns[key]).max())
+        turns[key] = [-most, most]
+    return turns
+
+
 def _zone(zone: Mapping[str, Any], names: Mapping[str, str | None]) -> dict[str, Any]:
     """Return a zone of a search as one of a studio, its models by their names in the catalogue."""
     rest = {key: deepcopy(value) for key, value in zone.items() if key != "models"}
-    models = [names.get(name) for name in zone.get("models") or ()]
-    return rest | ({"models": [*dict.fromkeys(models)]} if models and all(models) else {})
+    models = zone.get("models") or {}
+    models = models if isinstance(models, dict) else {key: {} for key in models}
+    if models and all(names.get(name) for name in models):
+        rest["models"] = {names[name]: deepcopy(angles) for name, angles in models.items()}
+    return rest
 
 
 def as_sweep(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
@@ -106,7 +121,7 @@ def as_sweep(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
         sweep["vehicle"] = vehicle.model_dump(mode="json", exclude_unset=True)
     if search.get("requirements"):
         sweep["requirements"] = search["requirements"]
-    errors = {"offset": 0.01, "angle_deg": 0.5}  # the default of searches
+    errors = REAL_MOUNTS.model_dump(exclude_unset=True)
     roi = {"fit": "nearest"} | (raw.get("roi") or {})
     rig = {"placement": path.stem, "placements": {path.stem: rig_of(raw)}, "roi": roi}
     return {"mounting_errors": errors} | sweep | rig

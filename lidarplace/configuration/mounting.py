@@ -238,3 +238,7 @@ class MountingErrorSettings(OffsetSettings):
         if self.vehicle is not None and not self.errors():
             raise InputError("has no effect without offset or angle_deg", key="vehicle")
         return self
+
+
+REAL_MOUNTS = MountingErrorSettings(offset=0.01, angle_deg=0.5)
+"""Errors of mounts on real vehicles, the default of searches and of what follows from them."""

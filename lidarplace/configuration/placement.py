@@ -141,5 +141,7 @@ def read_placement_settings(path: Path) -> PlacementSettings:
         raw = {key: value for key, value in raw.items() if key in PlacementSettings.model_fields}
     if isinstance(raw, dict) and "mounts" not in raw:
         such = "a list of LiDARs, such as mounts: [{x: 0, y: 0, z: 2}]"
-        raise InputError("missing", place=path, key="mounts", expected=such)
+        chosen = path.with_name("placement.yaml")
+        fix = f"use {chosen}" if "placements" in raw and chosen.is_file() else ""
+        raise InputError("missing", place=path, key="mounts", expected=such, fix=fix)
     return validated(PlacementSettings, raw, str(path), path.parent)

@@ -6,7 +6,7 @@ import math
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, Strict, ValidationInfo, field_validator, model_validator
 
@@ -15,6 +15,7 @@ from lidarplace.configuration.correction import Offset, is_file, read_correction
 from lidarplace.configuration.pattern_file import read_pattern
 from lidarplace.configuration.settings import (
     CountFromOne,
+    Degrees,
     Distance,
     Elevation,
     FileBeside,
@@ -27,6 +28,7 @@ from lidarplace.configuration.settings import (
 )
 from lidarplace.rigs.catalogue.datasheet import datasheet, metres
 from lidarplace.rigs.lidar import Lidar, pattern_in
+from lidarplace.rigs.scan_timing import ScanTiming
 
 Side = Annotated[float, Strict(), Field(ge=1, le=2000, allow_inf_nan=False)]
 """Side of a LiDAR, millimetres; metres are below."""
@@ -40,6 +42,8 @@ MOST_RAYS = 20_000_000
 TURNING = {"azimuth_deg", "azimuth_steps", "beams", "elevation_deg", "elevations_deg", "offsets_m"}
 TURNING |= {"azimuth_offsets_deg"}
 """Keys of a LiDAR whose beams turn."""
+TIMING = {"phase_deg", "direction", "ego_compensation"}
+"""Keys of a LiDAR that takes time for a frame."""
 ANY = ("range", "range_10", "range_80", "min_range", "range_noise", "wavelength_nm", "size_mm")
 """Keys that data sheets of any LiDAR may have."""
 
@@ -120,6 +124,25 @@ class SensorSettings(Settings):
         description="rays per frame; the next frame continues in the file; null: the whole file",
     )
 
+    rate_hz: Annotated[float, Strict(), Field(gt=0, le=1000, allow_inf_nan=False)] | None = Field(
+        None,
+        description="frames per second of a scan that takes time: in simulated clouds objects and "
+        "vehicle move between its rays; null: all rays are fired at the moment of the frame",
+    )
+    phase_deg: Degrees | Literal["free"] = Field(
+        0.0,
+        description="azimuth to which the LiDAR points at the moment of the frame, degrees in its "
+        "own frame; free: another one in every frame",
+    )
+    direction: Literal["left", "right"] = Field(
+        "left", description="direction in which it turns; left is anticlockwise from above"
+    )
+    ego_compensation: bool = Field(
+        True,
+        description="true: points are moved to where the vehicle sees them at the moment of the "
+        "frame; false: each is in the frame of the vehicle at the moment of its ray",
+    )
+
     correction: Annotated[Text, AfterValidator(_beside_or_packaged)] | None = Field(
         None,
         description="YAML file of the losses on a real vehicle, relative to the folder of the "
@@ -162,6 +185,8 @@ class SensorSettings(Settings):
     def _build(self) -> SensorSettings:
         if self.correction is None and self.unit is not None:
             raise InputError("needs correction", key="unit")
+        if self.rate_hz is None and (keys := sorted(TIMING & self.model_fields_set)):
+            raise InputError("needs rate_hz", key=keys[0])
         if self.pattern is None and self.pattern_rays is not None:
             raise InputError("needs pattern", key="pattern_rays")
         if self.pattern is not None and (keys := sorted(TURNING & self.model_fields_set)):
@@ -214,6 +239,10 @@ class SensorSettings(Settings):
             step = (high - low) / (self.beams - 1) if self.beams > 1 else 0.0
             degrees = tuple(low + i * step for i in range(self.beams))
         start, end = map(math.radians, self.azimuth_deg)
+        phase = None if self.phase_deg == "free" else math.radians(self.phase_deg)
+        timing = None
+        if self.rate_hz is not None:
+            timing = ScanTiming(self.rate_hz, phase, self.direction, self.ego_compensation)
         return Lidar(
             tuple(map(math.radians, degrees)),
             self.azimuth_steps if pattern is None else 1,
@@ -231,4 +260,5 @@ class SensorSettings(Settings):
             offsets=self.offsets_m,
             azimuth_offsets=self.azimuth_offsets_deg
             and tuple(map(math.radians, self.azimuth_offsets_deg)),
+            timing=timing,
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,15 +42,10 @@ class RecallGround:
     dead: int | None
 
 
-def recall_ground(
-    rig: Placement, vehicle: Vehicle, classes: Collection[str]
-) -> RecallGround | None:
-    """Compute the ground for the first of `HARDEST` among `classes`; None if there is none.
+def recall_ground(rig: Placement, vehicle: Vehicle, object_class: str) -> RecallGround:
+    """Compute the ground for a class, one of `HARDEST`.
 
     By the detection curve of the package; nothing but the vehicle and its LiDARs hides objects."""
-    object_class = next((name for name in HARDEST if name in classes), None)
-    if object_class is None:
-        return None
     extents = vehicle.body.extents[:, :, :2]
     low = extents[:, 0].min(axis=0, initial=0.0) - REACH_M
     high = extents[:, 1].max(axis=0, initial=0.0) + REACH_M

@@ -22,8 +22,8 @@ def read_autoware(path: Path, only: Sequence[str]) -> list[RigSensor]:
     """Read the frames that are LiDARs, see `lidars_of`, of a folder, or of a file and its pair.
 
     Poses are those of the frames that the files name, such as `velodyne_top_base_link`; where the
-    LiDAR is in that frame is said by its own description. Raises ValueError: there is no file or it
-    is wrong, or frames are not of a vehicle."""
+    LiDAR is in that frame is said by its own description. Raises ValueError: files are missing or
+    invalid, or frames are not of a vehicle."""
     folder = path if path.is_dir() else path.parent
     files = [folder / name for name in FILES if (folder / name).is_file()]
     files += [path] * (path.is_file() and path not in files)

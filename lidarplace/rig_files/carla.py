@@ -79,6 +79,7 @@ def check_possible(lidar: Lidar, where: str) -> None:
         ("pattern of rays", lidar.pattern, "beams of CARLA's LiDARs turn"),
         ("correction", lidar.correction, "CARLA's LiDARs have none; leave it out"),
         ("offsets_m", lidar.offsets, "CARLA's LiDARs have none; set it to null"),
+        ("rate_hz", lidar.timing, "CARLA's LiDARs have their own; leave it out"),
         ("azimuth_offsets_deg", lidar.azimuth_offsets, "CARLA's LiDARs have none; set it to null"),
     ):
         if value is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, Protocol
 
@@ -13,11 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import InstanceOf
 from pydantic.json_schema import SkipJsonSchema
 
+from lidarplace.base.code_version import OMIT_DEFAULT
 from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import AZIMUTH_STEPS
 from lidarplace.rigs.catalogue.datasheet import FRAMES_PER_S, Datasheet, datasheet, metres
 from lidarplace.rigs.correction import Correction
 from lidarplace.rigs.scan_pattern import ScanPattern
+from lidarplace.rigs.scan_timing import ScanTiming
 from lidarplace.rigs.weather import Weather, shortened
 
 # Ends of a field of view, and a whole turn, are meant up to the rounding of degrees to radians.
@@ -71,6 +73,7 @@ class Lidar:
             start at the origin. See `lidarplace.rigs.placement.blocks`.
         azimuth_offsets: of every beam, radians, > 0 to the left: a beam fires at the azimuth steps
             and in the field of view turned by that; None: at the steps. See `blocks`, too.
+        timing: when its rays are fired, in clouds; None: all at the moment of the frame.
 
     Raises:
         ValueError: a value is out of its bounds, no azimuth step is in the field of view, light
@@ -95,6 +98,9 @@ class Lidar:
     correction: Correction | None = None
     offsets: tuple[float, ...] | None = None
     azimuth_offsets: tuple[float, ...] | None = None
+    timing: SkipJsonSchema[InstanceOf[ScanTiming]] | None = field(
+        default=None, metadata={OMIT_DEFAULT: True}
+    )
 
     def __post_init__(self) -> None:
         elevations: Iterable[float] = self.elevations
@@ -235,6 +241,10 @@ class Lidar:
             return self
         return _in_frame(self, number % self.pattern.frames)
 
+    def at_once(self) -> Lidar:
+        """Return the LiDAR as it fires all rays at the moment of the frame."""
+        return replace(self, timing=None)
+
     def in_weather(self, weather: Weather) -> Lidar:
         """Return the LiDAR in that weather, whatever air it was in."""
         extinction = weather.extinction(self.wavelength)
@@ -346,6 +356,16 @@ class Lidar:
             return self.pattern.of_frame(self.frame)[0][:, None]
         steps = (self.first_step + np.arange(self.fired_steps)) % self.azimuth_steps
         return steps.astype(np.float64) * self._step
+
+    def scan_shares(self) -> NDArray[np.float64]:
+        """Return at which share of its scan each ray is fired, 0 in the middle, see `ScanTiming`.
+
+        Of all beams, shape (1, fired_steps); of a pattern of each, shape (beams, 1)."""
+        if self.pattern is not None:
+            return self.pattern.order_in_frame(self.frame)[:, None] - 0.5
+        low, high = (-math.pi, math.pi) if self.full_turn else self.azimuth
+        turned = (self.azimuths()[None] - low) % (2 * math.pi)
+        return turned / (high - low) - 0.5
 
     def directions(self) -> NDArray[np.float64]:
         """Return unit vectors of all rays in the sensor's frame, shape (beams * fired_steps, 3).

@@ -151,6 +151,15 @@ class Placement(Plottable):
         changed = {lidar: change(lidar) for lidar in dict.fromkeys(self.lidars)}
         return self.with_lidar([changed[lidar] for lidar in self.lidars])
 
+    @property
+    def takes_time(self) -> bool:
+        """Whether a LiDAR takes time for a frame."""
+        return any(lidar.timing is not None for lidar in self.lidars)
+
+    def at_once(self) -> Placement:
+        """Return the placement with LiDARs that fire all rays at the moment of the frame."""
+        return self.each_lidar(Lidar.at_once) if self.takes_time else self
+
     def in_weather(self, weather: Weather) -> Placement:
         """Return the placement in that weather."""
         return self.each_lidar(lambda lidar: lidar.in_weather(weather))

@@ -67,11 +67,19 @@ class ScanPattern:
 
     def of_frame(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return azimuths, ascending in [-pi, pi), and elevations of the rays of any frame."""
+        rows, azimuths, order = self._sorted(number)
+        return azimuths[order], self.elevations[rows][order]
+
+    def order_in_frame(self, number: int) -> NDArray[np.float64]:
+        """Return when the rays of `of_frame` are fired, as shares of the frame, in (0, 1)."""
+        return (self._sorted(number)[2] + 0.5) / self.rays_per_frame
+
+    def _sorted(self, number: int) -> tuple[slice, NDArray[np.float64], NDArray[np.int64]]:
+        """Return the rows of a frame, their azimuths in [-pi, pi), and their order by azimuth."""
         first = number % self.frames * self.rays_per_frame
         rows = slice(first, first + self.rays_per_frame)
         azimuths = (self.azimuths[rows] + math.pi) % (2 * math.pi) - math.pi
-        order = np.argsort(azimuths, kind="stable")
-        return azimuths[order], self.elevations[rows][order]
+        return rows, azimuths, np.argsort(azimuths, kind="stable")
 
     def thinned(self, share: float) -> "ScanPattern":
         """Return the pattern with a share, in (0, 1], of the rays of every frame.

@@ -16,7 +16,8 @@ from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.studio.numbers import Meter, thinned
 from lidarplace.studio.rig import Rig, added, pose_of, posed, removed
 from lidarplace.studio.rigs_file import RigsFile
-from lidarplace.studio.violations import requirement_results, totals_above, violations
+from lidarplace.studio.turns import allowed_turns, beyond
+from lidarplace.studio.violations import model_names, requirement_results, totals_above, violations
 
 ROUNDS = 4
 PER_ROUND = 32
@@ -151,6 +152,11 @@ class _Search:
         """Model of the LiDAR."""
         return self.rig.models(self.file.lidar)[self.number]
 
+    @property
+    def model_name(self) -> str | None:
+        """Name of the model in the catalogue; None without."""
+        return model_names(self.rig, self.file)[self.number]
+
     @cached_property
     def others(self) -> Placement | None:
         """Other LiDARs that work; None without any."""
@@ -172,7 +178,8 @@ class _Search:
             at = np.array(position(zone, *draw[:3]))
             at = best.position + reach * (at - best.position) if number else at
             angles = np.degrees(astuple(best)[3:]) + reach * np.array(turn) * (2 * draw[3:] - 1)
-            angles = np.fmod(angles.round(1), 360)
+            turns = allowed_turns(self.file, zone.name, self.model_name, at[1])
+            angles = np.fmod((angles.round(1) - beyond(angles.round(1), turns)).round(6), 360)
             in_mm = at.round(3)
             at = in_mm if distance(zone, *in_mm) <= MICROMETRE else at.round(6)
             pose = Mount.degrees(*at.tolist(), *angles.tolist())

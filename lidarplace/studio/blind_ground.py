@@ -1,4 +1,4 @@
-"""Ground around the vehicle where too little of a person is seen."""
+"""Ground around the vehicle: where too little of a person is seen, and what is found where."""
 
 from dataclasses import dataclass
 
@@ -9,6 +9,7 @@ from lidarplace.base.roi import Roi
 from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.check_requirements import RequirementResult
+from lidarplace.requirements.recall_ground import HARDEST, STEP_M, recall_ground
 from lidarplace.rigs.placement import Placement
 
 EDGE_M = 0.25
@@ -17,22 +18,26 @@ REACH_M = 6.0
 """Distance from the vehicle's sides, metres."""
 LOWEST_M = 0.25
 """Height below which nobody is looked for, metres: the ground itself returns light."""
-HEIGHTS_M = {"a child": 1.0, "an adult": 1.5}
+_PERSONS_M = {"a child": 1.0, "an adult": 1.5}
+HEIGHTS_M = {f"blind for {person}": height for person, height in _PERSONS_M.items()}
 """Heights up to which a person is looked for, metres: below the head's top, in whole voxels."""
-COUNTED_M = {f"sensors on {person}": height for person, height in HEIGHTS_M.items()}
+COUNTED_M = {f"sensors on {person}": height for person, height in _PERSONS_M.items()}
+FINDING = {f"recall of a {name}": name for name in HARDEST}
+"""Classes whose expected recall colours the ground."""
 
 
 @dataclass(frozen=True)
 class BlindGround:
     """Cells of the ground by their middles, x, y in metres, shape (cells, 2).
 
-    `sensors` is how many LiDARs see each; without it the cells are those with too little. `share`
-    is of all cells that are looked at."""
+    `sensors` is how many LiDARs see each, `recall` how likely an object is found there; without
+    either the cells are those with too little. `share` is of all cells, or the mean of recall."""
 
     middles: NDArray[np.float64]
     share: float
     edge: float = EDGE_M
     sensors: NDArray[np.int64] | None = None
+    recall: NDArray[np.float64] | None = None
 
 
 def blind_ground(placement: Placement | None, vehicle: Vehicle, height: float) -> BlindGround:
@@ -50,6 +55,18 @@ def counted_ground(placement: Placement | None, vehicle: Vehicle, height: float)
     The share is of those with less than two. Arguments as of `blind_ground`."""
     middles, sensors = _counted(placement, vehicle, height)
     return BlindGround(middles, float((sensors < 2).mean()), sensors=sensors)
+
+
+def found_ground(
+    placement: Placement | None, vehicle: Vehicle, object_class: str
+) -> BlindGround | None:
+    """Return all cells with the expected recall of a class; None without a LiDAR."""
+    if placement is None:
+        return None
+    ground = recall_ground(placement, vehicle, object_class)
+    rows, columns = np.nonzero(~np.isnan(ground.built))
+    middles, recall = np.stack([ground.x[rows], ground.y[columns]], 1), ground.built[rows, columns]
+    return BlindGround(middles, float(recall.mean()), STEP_M, recall=recall)
 
 
 def _counted(

@@ -12,6 +12,7 @@ from lidarplace.base.roi import Roi
 from lidarplace.command_line.options import RoiOption, crop_of
 from lidarplace.command_line.verbs import checked_input, new_app, verb, within
 from lidarplace.logs.box_log import read_box_log
+from lidarplace.rigs.scan_timing import STILL_WORLD
 from lidarplace.studio.log_frames import scene_of, simulated_traffic
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import PAPER_ROI, Studio
@@ -61,6 +62,8 @@ def studio(
             try:
                 if state.left_out:
                     print(left_out_message(state), file=sys.stderr)
+                if any(model.timing for rig in file.rigs for model in rig.models(file.lidar)):
+                    print(f"warning: {STILL_WORLD}", file=sys.stderr)
                 print(f"{address}\nCtrl-C ends it.", flush=True)
                 threading.Event().wait()
             finally:

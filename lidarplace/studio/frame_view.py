@@ -64,7 +64,7 @@ class FrameView:
         Of more than `most` rays of all LiDARs together every n-th azimuth step is cast."""
         if placement is None:
             return SimulatedCloud(np.empty((0, 3), np.float32), np.empty(0, np.int64))
-        rig = thinned(placement, max(1, most // len(placement.mounts)))
+        rig = thinned(placement.at_once(), max(1, most // len(placement.mounts)))
         crop = crop_for(self._roi.x, self._roi.y, self._roi.z, rig)
         clouds = SimulatedClouds(self.frame.log, [self.number], rig, crop, vehicle=self._vehicle)
         points, counts = clouds.returns(0)

@@ -20,7 +20,7 @@ from lidarplace.mounting.polygon import GRID_DIGITS, nearest
 from lidarplace.mounting.zone import distance
 from lidarplace.requirements.check_requirements import RequirementResult
 from lidarplace.rigs.placement import Placement
-from lidarplace.studio import blind_ground as ground
+from lidarplace.studio import blind_ground
 from lidarplace.studio import rig as edits
 from lidarplace.studio import violations as limits
 from lidarplace.studio.best_pose import BestPose, best_addition, improved
@@ -292,18 +292,20 @@ class Studio:
             self._checked = placement, results
         return results
 
-    def too_little(self, group: str) -> ground.BlindGround | None:
-        """Return ground around the vehicle where too little is seen; None of an unknown group.
+    def ground(self, group: str) -> blind_ground.BlindGround | None:
+        """Return ground around the vehicle to colour; None of an unknown group.
 
-        With a group of `HEIGHTS_M` where none of it is seen, with one of `COUNTED_M` the number of
-        LiDARs, with the name of a requirement where it fails."""
+        With a group of `HEIGHTS_M` where nobody is seen, with one of `COUNTED_M` the number of
+        LiDARs, with one of `FINDING` the expected recall, with a requirement where it fails."""
         around = self.placement, self.file.body
-        if group in ground.HEIGHTS_M:
-            return ground.blind_ground(*around, ground.HEIGHTS_M[group])
-        if group in ground.COUNTED_M:
-            return ground.counted_ground(*around, ground.COUNTED_M[group])
+        if group in blind_ground.HEIGHTS_M:
+            return blind_ground.blind_ground(*around, blind_ground.HEIGHTS_M[group])
+        if group in blind_ground.COUNTED_M:
+            return blind_ground.counted_ground(*around, blind_ground.COUNTED_M[group])
+        if group in blind_ground.FINDING:
+            return blind_ground.found_ground(*around, blind_ground.FINDING[group])
         results = (result for result in self.outcomes() if result.requirement.name == group)
-        return next(map(ground.failing_ground, results), None)
+        return next(map(blind_ground.failing_ground, results), None)
 
     # Questions.
 

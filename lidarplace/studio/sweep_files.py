@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 
 from lidarplace.base.roi import Roi
+from lidarplace.configuration.mounting import REAL_MOUNTS
 from lidarplace.configuration.renamed_keys import current_key, with_current_keys
 from lidarplace.files.columns import check_columns
 from lidarplace.files.tables import read_csv
@@ -23,7 +24,7 @@ MOST_RAYS = 100_000
 """Rays of a rig in evaluated clouds; the generalist was trained on at most about twice as many."""
 EVALUATION: Content = {
     "evaluator": "pretrained",
-    "mounting_errors": {"offset": 0.01, "angle_deg": 0.5},
+    "mounting_errors": REAL_MOUNTS.model_dump(exclude_unset=True),
     "surrogate": {"names": ["covered_entropy"], "accuracy": False, "sampling_error": False},
 }
 """Settings of an evaluation, where its file does not say otherwise."""

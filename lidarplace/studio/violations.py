@@ -22,17 +22,18 @@ from lidarplace.requirements.check_requirements import RequirementResult, check_
 from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.requirements.requirement import AS_BUILT
 from lidarplace.rigs.catalogue.datasheet import datasheet
-from lidarplace.studio.rig import Rig
+from lidarplace.studio.rig import ANGLES, Rig
 from lidarplace.studio.rigs_file import RigsFile
+from lidarplace.studio.turns import ROUNDING_DEG, allowed_turns, beyond
 
 
 @dataclass(frozen=True)
 class ReportedViolation(Violation):
     """A limit, a total or a requirement that a rig violates, and its description.
 
-    `limit` is also "price", "power", "count", "blind" or "requirement"; `lidars` is empty if the
-    whole rig violates it; `value` and `excess` are in money, watts or the requirement's measure,
-    too, and NaN where unknown."""
+    `limit` is also "price", "power", "count", "turn", "blind" or "requirement"; `lidars` is empty
+    if the whole rig violates it; `value` and `excess` are in money, watts, degrees or the
+    requirement's measure, too, and NaN where unknown."""
 
     text: str
 
@@ -52,12 +53,12 @@ def prices_of(rig: Rig, file: RigsFile) -> list[float]:
 
 def powers_of(rig: Rig, file: RigsFile) -> list[float]:
     """Return the power of all LiDARs, cameras and radars, watts, by data sheets; NaN: unknown."""
-    powers = [None if name is None else datasheet(name).power_w for name in _models(rig, file)]
+    powers = [None if name is None else datasheet(name).power_w for name in model_names(rig, file)]
     powers += [sensor.power for sensor in rig.settings_of_sensors]
     return [math.nan if watts is None else watts for watts in powers]
 
 
-def _models(rig: Rig, file: RigsFile) -> list[str | None]:
+def model_names(rig: Rig, file: RigsFile) -> list[str | None]:
     """Return the names of the LiDARs in the catalogue."""
     default = file.settings.lidar.name
     return [lidar.model if "lidar" in lidar.written else default for lidar in rig.lidars]
@@ -65,7 +66,8 @@ def _models(rig: Rig, file: RigsFile) -> list[str | None]:
 
 def violations(rig: Rig, file: RigsFile) -> tuple[ReportedViolation, ...]:
     """Return the limits of mounting, then the totals, that a rig exceeds."""
-    return (*_misplaced(rig, file, file.limits), *totals_above(rig, file))
+    misplaced = _misplaced(rig, file, file.limits)
+    return (*misplaced, *_turned_too_far(rig, file), *totals_above(rig, file))
 
 
 def totals_above(rig: Rig, file: RigsFile) -> Iterator[ReportedViolation]:
@@ -81,7 +83,7 @@ def totals_above(rig: Rig, file: RigsFile) -> Iterator[ReportedViolation]:
             continue
         text = f"{name} {total:g}{unit}: {total - limit:g}{unit} above {limit:g}{unit}"
         if math.isnan(total):
-            sensors = [*_models(rig, file), *(sensor.name for sensor in rig.sensors)]
+            sensors = [*model_names(rig, file), *(sensor.name for sensor in rig.sensors)]
             pairs = zip(sensors, values, strict=True)
             unpriced = {sensor or "a LiDAR without a name" for sensor, x in pairs if math.isnan(x)}
             text = f"{name}: of {', '.join(sorted(unpriced))} it is not known"
@@ -96,7 +98,7 @@ class _NamedLidar(NamedTuple):
 def _named_lidars(rig: Rig, file: RigsFile) -> list[_NamedLidar]:
     """Return the zone and the model of each LiDAR, "" where it has none."""
     lidars = []
-    for mount, model in zip(rig.mounts, _models(rig, file), strict=True):
+    for mount, model in zip(rig.mounts, model_names(rig, file), strict=True):
         at = mount.position
         zones = (zone.name for zone in file.zones if distance(zone, *at) <= MICROMETRE)
         lidars.append(_NamedLidar(next(zones, ""), model or ""))
@@ -119,6 +121,19 @@ def _miscounted(rig: Rig, file: RigsFile) -> Iterator[ReportedViolation]:
         if excess > 0:
             text = f"{bound.key}: {number} {unit}, expected {bound.text}"
             yield ReportedViolation("count", (), number, excess, text)
+
+
+def _turned_too_far(rig: Rig, file: RigsFile) -> Iterator[ReportedViolation]:
+    """Yield the angles that the zones of the LiDARs do not allow."""
+    for number, lidar in enumerate(_named_lidars(rig, file)):
+        pose = rig.pose(number)
+        turns = allowed_turns(file, lidar.zone, lidar.model, pose["y"])
+        far = beyond([pose[angle] for angle in ANGLES], turns)
+        for angle, excess, (centre, half) in zip(ANGLES, far.tolist(), turns.tolist(), strict=True):
+            if abs(excess) > ROUNDING_DEG:
+                span = f"{centre:g}°" if half == 0 else f"{centre - half:g}° to {centre + half:g}°"
+                text = f"LiDAR {number + 1}: {angle} {pose[angle]:.4g}°, in {lidar.zone} {span}"
+                yield ReportedViolation("turn", (number,), pose[angle], abs(excess), text)
 
 
 def _misplaced(rig: Rig, file: RigsFile, limits: Limits) -> Iterator[ReportedViolation]:

@@ -81,9 +81,9 @@ def read_cloud(
 
     Returns its points, (n, 3), metres, ego frame, beyond `most` a random choice of them, and the
     mount of each; the number before, and that on each of `Frame.objects`. The vehicle is a sedan
-    for None."""
+    for None. LiDARs fire all rays at once, as a single frame shows no motion."""
     reach = crop_for(crop[::3], crop[1::3], crop[2::3], placement, misaligned_heights)
-    numbers = [frame.row["frame"]]
+    numbers, placement = [frame.row["frame"]], placement.at_once()
     clouds = collect(frame.log, numbers, placement, reach, 0, misaligned_heights, vehicle=vehicle)
     points, lidar = clouds[0], clouds.lidar(0)
     drawn = np.arange(len(points))

@@ -24,6 +24,9 @@ PAIRS = (
     ("found", "found_upright"),  # what the rolls are worth
     ("found", "found_lower"),  # what the height is worth
     ("two", "two_stack"),  # planned as well: two LiDARs
+    ("bought", "four_stack"),  # planned as well: the price of four vlp16
+    ("bought_three", "four_stack"),  # the same price, three LiDARs
+    ("bought_cheap", "four_stack"),  # planned as well: a third less
 )
 """Rigs, and what they are compared with."""
 METRICS = {

@@ -67,10 +67,6 @@ def evaluate(
     Reads KITTI's result files, nuScenes' JSON, Argoverse 2's feather, Waymo's and plain Parquet.
     Two rigs or more become a run folder with a decision page, a failure page and a report."""
     from sweeps.evaluation.request import DetectionOptions, read_request
-    from sweeps.evaluation.run_folder import check_free, evaluate_rigs, results_of, write_evaluation
-    from tracking.findings.groups import ONE_FOR_ALL
-    from tracking.findings.summary import seed_means
-    from tracking.report.build import write_report
 
     with checked_input():
         request = read_request(
@@ -80,16 +76,7 @@ def evaluate(
                 classes=class_, split=split, counted=counted, accept=accept,
             )
         )  # fmt: skip
-        several = len(request.rigs) > 1
-        if several:
-            check_free(out)
-        results = evaluate_rigs(request)
-        metrics, left_out = results_of(results)
-        means = seed_means(metrics, (), left_out, ONE_FOR_ALL[0])
-        if several:
-            evaluator = ONE_FOR_ALL[0] if generalist else "specialist"
-            analysis, frames = write_evaluation(out, results, request, evaluator)
-            page = write_report(analysis, frames)
+        means, pages = _evaluated(request, out, generalist)
     for caution in request.cautions:
         say(f"warning: {caution}", sys.stderr)
     if as_json:
@@ -97,14 +84,35 @@ def evaluate(
         print_json(rows.where(rows.notna(), None).to_dict("records"))
         return
     say("\n".join(request.notes))
-    _print_means(means, several, trainings=max(map(len, results.values())))
+    _print_means(means, request)
+    say("\n".join([*pages, f"next: {_next_step(log, request)}"]))
+
+
+def _evaluated(
+    request: EvaluationRequest, out: Path, generalist: bool
+) -> tuple[pd.DataFrame, list[str]]:
+    """Return means over trainings and, of two rigs or more, the answer with pages in `out`."""
+    from sweeps.evaluation.run_folder import check_free, evaluate_rigs, results_of, write_evaluation
+    from tracking.findings.groups import ONE_FOR_ALL
+    from tracking.findings.summary import seed_means
+    from tracking.report.build import write_report
+
+    several = len(request.rigs) > 1
     if several:
-        say("\n".join([*analysis.headline, str(page), str(page.with_name("decision.html"))]))
-    say(f"next: {_next_step(log, request)}")
+        check_free(out)
+    results = evaluate_rigs(request)
+    metrics, left_out = results_of(results)
+    means = seed_means(metrics, (), left_out, ONE_FOR_ALL[0])
+    if not several:
+        return means, []
+    evaluator = ONE_FOR_ALL[0] if generalist else "specialist"
+    analysis, frames = write_evaluation(out, results, request, evaluator)
+    page = write_report(analysis, frames)
+    return means, [*analysis.headline, str(page), str(page.with_name("decision.html"))]
 
 
-def _print_means(means: pd.DataFrame, several: bool, trainings: int) -> None:
-    output().print(_metric_table(means, several))
+def _print_means(means: pd.DataFrame, request: EvaluationRequest) -> None:
+    output().print(_metric_table(means, several=len(request.rigs) > 1))
     counts = means.groupby("class", sort=False)["ground_truths"].max()
     if none := counts.index[counts == 0].tolist():
         say(f"no AP, no recall: no object of {', '.join(none)} counts in these frames")
@@ -113,7 +121,7 @@ def _print_means(means: pd.DataFrame, several: bool, trainings: int) -> None:
     say(
         "in brackets: 95 % over the routes or individuals of these frames, the wider of the two; "
         "without the spread of further trainings"
-        if trainings == 1
+        if max(map(len, request.rigs.values())) == 1
         else "in brackets: 95 % over trainings and over the routes or individuals of these frames"
     )
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lidarplace.command_line.terminal import Terminal, output, say, table
+from lidarplace.command_line.terminal import Terminal, output, print_warnings, say, table
 from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
+from lidarplace.rigs.scan_timing import STILL_WORLD
 from sweeps.options import DryRunOption, SetOption
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def requirements(
     from lidarplace.requirements.check_requirements import check_requirements
     from lidarplace.requirements.tables import by_rig, case_table, worst_cases
     from sweeps.configuration.requirements_file import read_requirements_check
-    from tracking.pages.requirements import verdict_table
+    from tracking.pages.requirements import counted, verdict_table
 
     with checked_input():
         check = read_requirements_check(config, set_ or [])
@@ -58,6 +59,8 @@ def requirements(
             _print_plan(check, as_json)
             return
         console = Terminal(stderr=True)
+        if any(rig.takes_time for rig in check.rigs):
+            print_warnings(console, [STILL_WORLD], "")
         rigs = track(check.rigs, "rigs", console=console, disable=not console.is_terminal)
         outcomes = [
             check_requirements(check.layouts, rig, check.vehicle, further)
@@ -74,7 +77,7 @@ def requirements(
         printed = verdict_table(worst, ["rig"])
         words = {printed.head[i] for i in printed.words}
         output().print(table(None, printed.head, printed.rows, words=words))
-        say(f"{(~worst['met']).sum()} of {len(worst)} fail; {', '.join(paths.values())}")
+        say(f"{counted(worst)} {', '.join(paths.values())}")
     if not worst["met"].all():
         raise typer.Exit(1)
 
@@ -125,6 +128,20 @@ def _write(
     return {suffix: str(path) for suffix, path in paths.items()}
 
 
+def _picture(check: RequirementsCheck) -> Section:
+    """Draw the rigs on the vehicle, with the ground of the first ones by expected recall."""
+    from lidarplace.logs.boxes import CLASSES
+    from tracking.figures.kit.grounds import ground_note, with_grounds
+    from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
+    from tracking.pages.section import Section
+
+    pictured = {rig.name: PicturedRig.of(rig.mounts) for rig in check.rigs}
+    placements = {rig.name: rig for rig in check.rigs}
+    pictured = with_grounds(pictured, placements, check.vehicle, CLASSES)
+    notes = [AXES_AND_POSTS, ground_note(pictured)]
+    return Section("The rigs", notes, [rig_picture(pictured, check.vehicle)], columns=2)
+
+
 def _sections(
     check: RequirementsCheck, outcomes: Sequence[Sequence[RequirementResult]], worst: pd.DataFrame
 ) -> Iterator[Section]:
@@ -143,6 +160,7 @@ def _sections(
         first.notes.append(f"Pictures of {len(pictured)} of them, those that fail first.")
     first.notes += [COLOURS] if len(pictured) else []
     yield first
+    yield _picture(check)
     for layout in check.layouts:
         name = layout.requirement.name
         if layout.requirement.common_view is not None:

@@ -60,8 +60,7 @@ class RoiSettings(Settings):
     z: tuple[Length, Length] = Field((0.0, 4.0), description="above the ground, metres")
 
     fit: Literal["exact", "nearest"] = Field(
-        "exact",
-        description="nearest: sides that are no whole number of voxels become the nearest that are",
+        "exact", description="nearest: sides become the nearest whole number of voxels"
     )
 
     @field_validator("x", "y", "z")
@@ -318,7 +317,7 @@ class Point(Settings):
     def _fit_roi(self) -> None:
         """Replace the ROI by the nearest of whole voxels, if that is asked for or nothing needs it.
 
-        Raises InputError: it is no whole number of voxels, and this is not so."""
+        Raises InputError: a side is not a whole number of voxels, and `fit` is exact."""
         sides = (self.roi.x, self.roi.y, self.roi.z, self.surrogate.resolution)
         if self.roi.fit == "exact" and self.needs_voxels:
             try:

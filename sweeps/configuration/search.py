@@ -11,6 +11,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import METRICS
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings, further_sensors
 from lidarplace.configuration.mounting import (
+    REAL_MOUNTS,
     KeepOuts,
     LimitSettings,
     MountingErrorSettings,
@@ -357,9 +358,11 @@ class RobustnessSettings(Settings):
     """Conditions under which the winner is assessed again."""
 
     draws: CountFromOne = Field(32, description="number of rigs with mounting errors")
-    offset: Distance = Field(0.01, description="largest offset of a mount, metres, each axis")
+    offset: Distance = Field(
+        REAL_MOUNTS.offset, description="largest offset of a mount, metres, each axis"
+    )
     angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
-        0.5, description="largest rotation of a mount, degrees, about each axis"
+        REAL_MOUNTS.angle_deg, description="largest rotation of a mount, degrees, about each axis"
     )
     scenes: dict[Name, dict[str, Any]] = Field(
         default={}, description="name -> key paths of `scene` to change: other towns, densities"
@@ -378,7 +381,7 @@ class SearchFile(Common, Point):
     """A configuration file of a search as a whole."""
 
     mounting_errors: MountingErrorSettings = Field(
-        MountingErrorSettings(offset=0.01, angle_deg=0.5),
+        REAL_MOUNTS,
         description="mounting errors in simulated clouds; real rigs perform worse than "
         "on paper alone",
     )

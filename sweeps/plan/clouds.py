@@ -135,6 +135,8 @@ def _check_unchanged(point: Point) -> None:
     problem = "does not apply to recorded clouds"
     if point.weather != WeatherSettings():
         raise InputError(problem, key="weather", fix="remove it")
+    if lidar.rate_hz is not None:
+        raise InputError(problem, key="lidar.rate_hz", fix="remove it")
     if (share := lidar.cloud_share) != 1:
         raise InputError(problem, key="lidar.cloud_share", expected=1, found=f"{share:g}")
 

@@ -16,6 +16,7 @@ from lidarplace.mounting.limits import Limits, MountedSensors, check
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import Interleaving
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.rigs.scan_timing import STILL_WORLD
 from sweeps.plan.trial import Plan, Trial, with_detector
 from sweeps.stages.collect import CollectStage
 from tracking.labels import digits
@@ -56,6 +57,7 @@ def rig_cautions(plan: Plan) -> list[str]:
             f"The vehicle stops more than {100 * MOST_STOPPED:g} % of the rays of LiDARs", stopped
         ),
         *unfamiliar(unfamiliar_rigs),
+        *[STILL_WORLD] * any(trial.grid_point.rig.takes_time for trial in plan.trials),
     ]
 
 

@@ -17,8 +17,6 @@ from lidarplace.logs.box_log import BoxLog, join_logs
 R = TypeVar("R", covariant=True, default=Any)
 """Type of a stage's result."""
 T = TypeVar("T")
-OMIT_DEFAULT = "omit default"
-"""Metadata of a field that is in the key of a task only if it differs from its default."""
 
 
 @dataclass(frozen=True)

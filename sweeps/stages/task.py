@@ -14,9 +14,9 @@ import numpy as np
 from pydantic import BaseModel
 from typing_extensions import TypeVar
 
-from lidarplace.base.code_version import code_version
+from lidarplace.base.code_version import OMIT_DEFAULT, code_version
 from lidarplace.rigs.placement import Placement
-from sweeps.stages.stage import OMIT_DEFAULT, Stage
+from sweeps.stages.stage import Stage
 
 S = TypeVar("S", bound=Stage, covariant=True, default=Stage)
 """Stage of a task."""

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, ClassVar, TypedDict, Unpack
 
 import pandas as pd
 
+from lidarplace.base.code_version import OMIT_DEFAULT
 from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import Overlaps
 from lidarplace.clouds.clouds import Clouds, Crop
 from sweeps.stages.collect import CollectedClouds, clouds_and_objects
 from sweeps.stages.ground_truth import GroundTruth
-from sweeps.stages.stage import OMIT_DEFAULT, Need, R, Stage, of_type
+from sweeps.stages.stage import Need, R, Stage, of_type
 from training import code_of_network, network_of
 from training.settings import TrainingSettings
 from training.typical_objects import TypicalObject

@@ -58,6 +58,9 @@ def test_every_command_reads_the_answer(answer):
     plan = run("run", str(answer), "--dry-run")
     assert "ahead" in plan
     run("rig", str(answer), "objects.json", "--format", "carla")
+    rigs = answer.with_name("rigs.yaml")
+    refused = CliRunner().invoke(app, ["rig", str(rigs), "objects.json", "--format", "carla"])
+    assert refused.output.strip().endswith(f"; use {answer}")
     again = read_problem(answer)
     (placed, *_) = again.start["placement"]
     assert placed.lidar.model == "dome"

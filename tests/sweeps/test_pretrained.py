@@ -26,7 +26,7 @@ from tests.sweeps.small_log import write_small_log, write_sweep
 from tests.sweeps.toy import call
 from tracking.run_folders.search import SearchFolder
 from training.checkpoints import read_checkpoint, save_checkpoint
-from training.pretrained import Domain, domain_of, evaluate_rig, evaluate_rigs, read_generalist
+from training.pretrained import Domain, domain_of, evaluate_rigs, read_generalist
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -82,7 +82,7 @@ def test_a_sweep_trains_nothing_and_python_finds_the_same(folder):
     results = pd.read_parquet(folder / "runs" / "grid" / "results.parquet")
     lidar = replace(Lidar.paper(), azimuth_steps=240)
     rig = PAPER_PLACEMENTS["line"].each_lidar(lambda _: lidar)
-    table = evaluate_rig(rig, folder / "log", ROI, weights=folder / "base.pt")
+    (table,) = evaluate_rigs([rig], folder / "log", ROI, weights=folder / "base.pt")
     same = table.merge(results[results["placement"] == "line"], on=["class", "metric", "iou"])
     same = same[same["difficulty_x"] == same["difficulty_y"]].dropna(subset=["value_x"])
     assert len(same) > 10
@@ -97,9 +97,9 @@ def test_other_frames_of_a_log_than_those_of_the_split_decide_nothing(folder):
     assert 0 < len(alone.boxes) < len(log.boxes)
     rig, how = PAPER_PLACEMENTS["line"], {"weights": folder / "base.pt"}
     rig = rig.each_lidar(lambda lidar: replace(lidar, azimuth_steps=240, range_noise=0.02))
-    table = evaluate_rig(rig, log, ROI, **how)
+    (table,) = evaluate_rigs([rig], log, ROI, **how)
     assert table["value"].max() > 0
-    pd.testing.assert_frame_equal(table, evaluate_rig(rig, alone, ROI, split="", **how))
+    pd.testing.assert_frame_equal(table, evaluate_rigs([rig], alone, ROI, split="", **how)[0])
 
 
 def test_rigs_that_are_evaluated_together_have_their_values_alone(folder):
@@ -109,7 +109,7 @@ def test_rigs_that_are_evaluated_together_have_their_values_alone(folder):
     tables = evaluate_rigs(rigs, folder / "log", ROI, ("Car",), **how)
     assert not tables[0].equals(tables[1])
     for rig, table in zip(rigs, tables, strict=True):
-        alone = evaluate_rig(rig, folder / "log", ROI, ("Car",), **how)
+        (alone,) = evaluate_rigs([rig], folder / "log", ROI, ("Car",), **how)
         pd.testing.assert_frame_equal(table, alone)
     assert evaluate_rigs([], folder / "log", ROI) == []
 

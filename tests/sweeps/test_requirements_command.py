@@ -73,7 +73,7 @@ def test_verdicts_and_exit_codes():
     good = run(SMALL)
     assert good.exit_code == 0, good.output
     assert "pass" in good.stdout
-    assert "0 of 1 fail; requirements.csv, requirements.html" in good.stdout
+    assert "Failed verdicts: 0 of 1. requirements.csv, requirements.html" in good.stdout
     bad = run(small(at_least={"points": 10_000}), "--out", "found/it")
     assert bad.exit_code == 1
     assert "FAIL" in bad.stdout

@@ -82,7 +82,7 @@ def test_the_pages_fold_them_and_draw_what_fails(folder, page):
     assert f"{html.escape(FAR)}: FAILED" not in section, "it is met"
     assert "without LiDAR 1" in section
     if page == "report.html":
-        assert f"{min(5, len(names))} of {2 * len(names)} verdicts fail" in section
+        assert f"Failed verdicts: {min(5, len(names))} of {2 * len(names)}." in section
         assert "requirements met" in text
         return
     assert 'href="#requirements"' in text

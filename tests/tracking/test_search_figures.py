@@ -11,9 +11,10 @@ from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.recall_ground import RecallGround
 from lidarplace.rigs.placement import Mount
-from tracking.figures.kit.grounds import ground_note
+from tracking.figures.kit.grounds import detected_grounds, ground_note
 from tracking.figures.kit.rig_picture import PicturedRig, label_places, rig_picture
 from tracking.figures.of_searches import pareto_fronts, robustness_figure, search_history, unseen
+from tracking.findings.failures import Failures
 from tracking.run_folders.search_json import Objective, Rig, Zone
 from tracking.search_report.cautions import at_the_edge
 
@@ -122,6 +123,32 @@ def test_a_known_ground_has_an_entry_with_its_worst_lidar_dead():
     assert numbers == [["1 a", "2 b"], ["1 a", "2 b dead"], ["1 a", "2 b"]]
     assert "best 80.0 % (50.0 % with LiDAR 2 dead)" in ground_note(rigs)
     assert ground_note({"other": pair}) == ""
+
+
+def test_the_ground_as_detected_has_the_share_found_in_cells_with_enough_objects():
+    rng = np.random.default_rng(3)
+    objects = pd.DataFrame({"x": rng.uniform(-7, 20, 400), "y": rng.uniform(0, 11, 400)})
+    found = rng.random((2, 400, 3)) < 0.6
+    points = np.zeros((2, 400))
+    rigs = ("a", "b")
+    compared = Failures(rigs, ("Car",), (0, 1, 2), rigs, objects, found, points, False)
+    grounds = detected_grounds(compared)
+    full = 0
+    for i, x in enumerate(grounds["b"].x):
+        for j, y in enumerate(grounds["b"].y):
+            cell = (objects["x"] // 5 == x // 5) & (objects["y"] // 5 == y // 5)
+            wanted = found[1][cell].mean() if cell.sum() >= 10 else np.nan
+            np.testing.assert_allclose(grounds["b"].built[i, j], wanted)
+            full += cell.sum() >= 10
+    assert 0 < full < grounds["b"].built.size
+    ground = RecallGround("Car", np.arange(2.0), np.arange(2.0), *2 * [np.full((2, 2), 0.5)], None)
+    pictured = PicturedRig((Mount(z=2.0),), ("",), ground, grounds["a"])
+    plot = rig_picture({"a": pictured}, None)
+    labels = [button.label for button in plot.layout.updatemenus[0].buttons]
+    assert labels == ["a", "a, as detected"]
+    expected, detected = (np.array(t.z) for t in plot.data if t.type == "surface")
+    assert not np.isnan(expected).any()
+    assert (np.isnan(detected) == np.isnan(grounds["a"].built.T)).all()
 
 
 def test_rings_on_the_ground_are_the_scale():

@@ -33,9 +33,8 @@ _COLOURS = ((0.0, "#7a2b00"), (_ENOUGH, "#f0a070"), (_ENOUGH, "#a8d4f0"), (1.0, 
 
 
 def counted(worst: pd.DataFrame) -> str:
-    """Count the verdicts that are failures, a sentence."""
-    failed = int((~worst["met"]).sum())
-    return f"{failed or 'None'} of {len(worst)} verdicts fail{'s' * (failed <= 1)}."
+    """Count the verdicts that are failures, in words."""
+    return f"Failed verdicts: {int((~worst['met']).sum())} of {len(worst)}."
 
 
 def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Table:

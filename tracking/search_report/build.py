@@ -8,7 +8,7 @@ import numpy as np
 
 from lidarplace.requirements.tables import worst_cases
 from tracking.figures import of_searches
-from tracking.figures.kit.grounds import ground_note, with_grounds
+from tracking.figures.kit.grounds import ground_note, with_grounds_of_folder
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.labels import DASH, digits, number
 from tracking.pages.html_page import write_page
@@ -106,7 +106,7 @@ def _picture(run: SearchFolder) -> Section:
     pictured = {
         name: PicturedRig.in_zones(rig.placed, rig.models, rig.zones) for name, rig in menu.items()
     }
-    pictured = with_grounds(pictured, run.path, run.search.classes)
+    pictured = with_grounds_of_folder(pictured, run.path, run.search.classes)
     notes = [f"Choose a rig in the menu: {named}. {AXES_AND_POSTS}", ground_note(pictured)]
     picture = rig_picture(pictured, run.search.body, run.search.zones)
     return Section("The rigs", [*filter(None, notes)], [picture], place="picture")

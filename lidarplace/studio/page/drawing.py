@@ -7,12 +7,12 @@ import threading
 from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any
 
-from lidarplace.studio.blind_ground import COUNTED_M, HEIGHTS_M, BlindGround
+from lidarplace.studio.blind_ground import COUNTED_M, FINDING, HEIGHTS_M, BlindGround
 from lidarplace.studio.frame_view import MOVING_POINTS, RESTING_POINTS
 from lidarplace.studio.page import tables
 from lidarplace.studio.page.editing import Editing
 from lidarplace.studio.page.other_rig import OtherRig
-from lidarplace.studio.page.panel import NO_OBJECT, NOBODY, Panel
+from lidarplace.studio.page.panel import NO_COLOUR, NO_OBJECT, Panel
 from lidarplace.studio.page.rig_nodes import RigNodes, quaternion
 from lidarplace.studio.page.scene import Scene
 from lidarplace.studio.studio import Studio
@@ -86,7 +86,7 @@ class Drawing:
             "/handle", scale=1.0, line_width=3.0, depth_test=False, visible=False
         )
         self._handle.on_update(pulled)
-        self._ground: BlindGround | None = None  # on which too little is seen
+        self._ground: BlindGround | None = None  # that is coloured
         self._drawn: object = None  # rig and LiDAR whose solids stand in the scene
 
     def draw(self, resting: bool) -> None:
@@ -94,10 +94,10 @@ class Drawing:
         studio, panel, rig = self._studio, self._panel, self._studio.rig
         self._editing.choose_existing()
         group = panel.ground.value
-        if group == NOBODY:
+        if group == NO_COLOUR:
             self._ground = None
-        elif resting or group in {*HEIGHTS_M, *COUNTED_M}:
-            self._ground = studio.too_little(group)  # of a requirement slower than a hand
+        elif resting or group in {*HEIGHTS_M, *COUNTED_M}:  # others are slower than a hand
+            self._ground = studio.ground(group)
         self._draw_numbers(resting, group)
         self._server.flush()
         self._draw_lidars(resting)
@@ -130,9 +130,10 @@ class Drawing:
         initial, now = studio.totals(rig), studio.totals()
         others: list[tables.Row] = [(name, now[name], initial[name], ",.6g") for name in now]
         if self._ground is not None:
-            label = "Blind for" if group in HEIGHTS_M else "Fails:"
-            label = "Less than 2" if group in COUNTED_M else label
-            others.append((f"{label} {group}, %", 100 * self._ground.share, None, ".1f"))
+            label = f"{group[0].upper()}{group[1:]}" if group in HEIGHTS_M else f"Fails: {group}"
+            label = f"Less than 2 {group}" if group in COUNTED_M else label
+            label = f"Mean {group} on the ground" if group in FINDING else label
+            others.append((f"{label}, %", 100 * self._ground.share, None, ".1f"))
         numbers = studio.numbers(resting), studio.numbers(resting, rig)
         self._panel.numbers.content = tables.numbers_table(*numbers, studio.meter.h_pog, others)
 

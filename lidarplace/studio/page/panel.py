@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from lidarplace.rigs.catalogue.datasheet import catalogue
-from lidarplace.studio.blind_ground import COUNTED_M, HEIGHTS_M
+from lidarplace.studio.blind_ground import COUNTED_M, FINDING, HEIGHTS_M
 from lidarplace.studio.page.tables import left_out_message, message
 from lidarplace.studio.rig import ANGLES, POSE
 from lidarplace.studio.studio import Studio
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import viser
 
 NO_LIDAR = "none yet"
-NOBODY, NO_OBJECT, NO_RIG = "nobody", "none", "no rig"
+NO_COLOUR, NO_OBJECT, NO_RIG = "no colour", "none", "no rig"
 FROM_FILE = "as the file says"
 
 STEPS = dict.fromkeys(POSE[:3], 0.001) | dict.fromkeys(ANGLES, 0.1)
@@ -74,8 +74,9 @@ class Panel:
             self.other_rig = gui.add_dropdown("also, in violet", (NO_RIG,))
             self.apart = gui.add_checkbox("apart", False)
             required = (each.name for each in studio.file.settings.requirements)
-            ground = (NOBODY, *HEIGHTS_M, *COUNTED_M, *required)
-            self.ground = gui.add_dropdown("too little for", ground)
+            recall = [group for group, name in FINDING.items() if name in studio.classes]
+            ground = (NO_COLOUR, *HEIGHTS_M, *COUNTED_M, *recall, *required)
+            self.ground = gui.add_dropdown("ground", ground)
             self.unseen = gui.add_html("")
             self.object = gui.add_dropdown("why not seen", (NO_OBJECT,))
             self.answer = gui.add_html("")

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 LANE_M = 3.5
 SENSORS = ("#e8590c", "#fab005", "#82c91e", "#2b8a3e")
 """Colours of ground by the number of LiDARs that see it, the last one of three and more."""
+RECALL = ("#d95f02", "#e8904f", "#f2c49b", "#eeeeee", "#a9cce3", "#5a9fce", "#1f6fb0")
+"""Colours of ground by expected recall, in equal parts from 0 to 1."""
 UNSEEN = "#e03131"
 EYE, LOOKS_AT = (-6.0, 4.0, 5.0), (1.5, 0.0, 0.8)  # of the initial camera, metres
 
@@ -99,20 +101,17 @@ class Scene:
             self._boxes_as_lines(f"{node}/objects/{name}", rows, colour, width)
 
     def blind(self, ground: BlindGround | None) -> None:
-        """Draw the cells of the ground in which too little is seen, or all by their sensors."""
-        for number, colour in enumerate(SENSORS):
-            name, middles = f"/blind/{number}", np.empty((0, 2))
-            if ground is not None and ground.sensors is not None:
-                cells = np.minimum(ground.sensors, len(SENSORS) - 1) == number
-                middles = ground.middles[cells]
-            elif ground is not None and number == 0:
-                middles = ground.middles
-            if len(middles):
-                self._cells(name, middles, 0.5 * ground.edge if ground else 0.0, colour)
-                self._coloured.add(name)
-            elif name in self._coloured:
-                self._scene.remove_by_name(name)
-                self._coloured.remove(name)
+        """Draw the cells of the ground in which too little is seen, or all by sensors or recall."""
+        levels = np.empty(0, np.int64) if ground is None else _levels(ground)
+        names = {f"/blind/{level}": level for level in np.unique(levels).tolist()}
+        for name in self._coloured - names.keys():
+            self._scene.remove_by_name(name)
+        self._coloured = set(names)
+        if ground is not None:
+            colours = SENSORS if ground.recall is None else RECALL
+            for name, level in names.items():
+                middles = ground.middles[levels == level]
+                self._cells(name, middles, 0.5 * ground.edge, colours[level])
 
     def _cells(self, name: str, middles: NDArray[np.float64], half: float, colour: str) -> None:
         corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
@@ -121,6 +120,14 @@ class Scene:
         first = 4 * np.arange(len(middles))[:, None, None]
         faces = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
         self._mesh(name, vertices, faces, color=rgb(colour), opacity=0.45, receive_shadow=False)
+
+
+def _levels(ground: BlindGround) -> NDArray[np.int64]:
+    """Return the number of the colour of each cell."""
+    if ground.recall is not None:
+        return np.minimum(len(RECALL) * ground.recall, len(RECALL) - 1).astype(np.int64)
+    sensors = np.zeros(len(ground.middles), np.int64) if ground.sensors is None else ground.sensors
+    return np.minimum(sensors, len(SENSORS) - 1)
 
 
 def _prism(zone: Zone) -> NDArray[np.float64]:

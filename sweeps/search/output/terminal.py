@@ -12,6 +12,7 @@ from lidarplace.mounting.counts import CountBound
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
+from lidarplace.rigs.scan_timing import STILL_WORLD
 from sweeps.plan.plan import unused_sensor_warnings
 from sweeps.results.rig_cautions import coinciding, facing, unfamiliar
 from sweeps.search.greedy.certificate import why_none
@@ -74,6 +75,7 @@ def rig_warnings(rigs: Mapping[str, Rig], problem: SearchProblem) -> list[str]:
     warnings = [
         *coinciding({name: interleaving(placement) for name, placement in placements.items()}),
         *facing({name: (placement, vehicle) for name, placement in placements.items()}),
+        *[STILL_WORLD] * any(model.timing for model in problem.models.values()),
     ]
     if problem.uses_generalist and not problem.pretrained:
         seen = problem.seen_rigs

@@ -81,10 +81,6 @@ def possible_counts(
             before = frozenset(each for each in sums if each is not None)
         return before
 
-    @cache
-    def kept(sums: Sums) -> Sums:
-        return frozenset(each for each in sums if _keep(each, bounds))
-
     counts: dict[CountsPerZone, Sums] = {(): frozenset([(0,) * len(bounds)])}
     for group in groups:
         kinds = {n: tuple((slot.size, slot.models) for slot in group[n]) for n in group}
@@ -94,7 +90,11 @@ def possible_counts(
             for n, kinds_of_slots in kinds.items()
             if (sums := with_slots(sums_before, kinds_of_slots))
         }
-    return {each: kept(sums) for each, sums in counts.items() if kept(sums)}
+    possible = {
+        each: frozenset(numbers for numbers in sums if _keep(numbers, bounds))
+        for each, sums in counts.items()
+    }
+    return {each: sums for each, sums in possible.items() if sums}
 
 
 def _plus(

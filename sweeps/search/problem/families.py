@@ -62,7 +62,8 @@ def family_params(
 ) -> list[dict[str, Any]]:
     """Return parameters of `number` trials, even over the families' numbers.
 
-    They are a Sobol sequence, scrambled. Rings lie between each other by the distance of the beams
+    They are a Sobol sequence, scrambled. All LiDARs of a zone have one model, as far as bounds of
+    models allow; other trials mix them. Rings lie between each other by the distance of the beams
     of `models`."""
     if not number:
         return []

@@ -4,7 +4,7 @@ Positions are shares of a zone, from 0 to 1 along each of its axes: so every com
 is a position in the zone, whatever its shape, and the parameters are the same for all zones.
 Angles are in degrees; where models have different ranges, an angle is a share of its range. Numbers
 of LiDARs and models that break a bound stand for the nearest that keep all: so every combination of
-values is a rig that keeps them. What cannot vary is no parameter."""
+values is a rig that keeps them. Values that cannot vary have no parameter."""
 
 import math
 from collections import Counter

@@ -36,8 +36,7 @@ def chance_at(rig, x, y):
 
 
 def test_a_cell_has_what_a_requirement_counts_there():
-    ground = recall_ground(Placement("one", [FRONT], lidar=LIDAR), sedan(), ["Car", "Pedestrian"])
-    assert ground.object_class == "Pedestrian"
+    ground = recall_ground(Placement("one", [FRONT], lidar=LIDAR), sedan(), "Pedestrian")
     assert ground.dead is None
     np.testing.assert_array_equal(ground.degraded, ground.built)
     assert ground.built.shape == (len(ground.x), len(ground.y))
@@ -50,14 +49,10 @@ def test_a_cell_has_what_a_requirement_counts_there():
 def test_the_dead_lidar_is_the_one_that_costs_most():
     weak = Lidar(np.radians([2.0, 4.0]), 20)
     rig = Placement("two", [FRONT, REAR], lidar=[weak, LIDAR])
-    ground = recall_ground(rig, sedan(), ["Pedestrian"])
+    ground = recall_ground(rig, sedan(), "Pedestrian")
     assert ground.dead == 1
     assert np.nanmean(ground.degraded) < np.nanmean(ground.built)
     alone = Placement("alone", [FRONT], lidar=weak, dead=[(REAR, LIDAR)])
     np.testing.assert_allclose(
-        ground.degraded, recall_ground(alone, sedan(), ["Pedestrian"]).built, atol=1e-12
+        ground.degraded, recall_ground(alone, sedan(), "Pedestrian").built, atol=1e-12
     )
-
-
-def test_classes_without_a_standard_size_have_no_ground():
-    assert recall_ground(Placement("one", [FRONT], lidar=LIDAR), sedan(), ["Animal"]) is None

@@ -24,12 +24,16 @@ GUARD_S = 300
 """Time limit against hanging, seconds."""
 
 
+def chromium_program() -> str:
+    """Return the path of chromium; the test is skipped without it."""
+    return shutil.which("chromium") or pytest.skip("needs chromium")
+
+
 @contextmanager
 def chromium(*options: str) -> Iterator[tuple[Any, Any]]:
     """A real browser, and playwright's `expect`; the test is skipped without them."""
     playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
-    if (program := shutil.which("chromium")) is None:
-        pytest.skip("needs chromium")
+    program = chromium_program()
     with playwright.sync_playwright() as browsers:
         arguments = ["--no-sandbox", *options]
         browser = browsers.chromium.launch(executable_path=program, args=arguments)

@@ -102,6 +102,20 @@ def test_the_best_place_is_within_the_limits_or_there_is_none(tmp_path):
     assert not free.violations()
 
 
+def test_the_best_pose_has_the_angles_of_its_zone(tmp_path):
+    roof = {"x": [-1, 1], "y": [-0.5, 0.5], "z": [1.7, 2], "standoff": 0.5}
+    roof |= {"roll_deg": 0, "pitch_deg": [2.25, 4.0], "yaw_deg": [170, 190]}
+    studio = studio_of(tmp_path, zones={"roof": roof})
+    for _ in range(2):
+        studio.add_best()
+    pose = studio.improve(0).mount
+    roll, pitch, yaw = np.degrees([pose.roll, pose.pitch, pose.yaw])
+    assert roll == 0
+    assert 2.25 - 1e-9 <= pitch <= 4.0
+    assert abs(yaw) >= 170 - 1e-9
+    assert "turn" not in {one.limit for one in studio.violations()}
+
+
 def test_what_is_broken_already_stands_in_nobodys_way(tmp_path):
     never = NEAR | {"at_least": {"points": 900}}
     limited, free = studio_of(tmp_path, requirements=[never]), studio_of(tmp_path)
@@ -174,6 +188,6 @@ def test_a_lidar_that_cannot_be_asked_gets_a_line_and_the_rest_is_judged(tmp_pat
                "found 0.5"),
     ]  # fmt: skip
     assert all(math.isnan(v.excess) for v in studio.violations())
-    assert studio.too_little("in black") is None
+    assert studio.ground("in black") is None
     studio.enable(0, False)
     assert [one.requirement.name for one in studio.outcomes()] == ["in black", "somebody ahead"]

@@ -186,13 +186,16 @@ def test_every_button_does_what_it_says(page):
     assert models.count("bpearl") == models.count("pandar40p") == 1
     page.editing.choose_rig("left handed")
     assert studio.rig.name == "left handed"
-    page.panel.ground.value = "a child"
+    page.panel.ground.value = "blind for a child"
     page.panel.object.value = "none"
     page.refresh()
     until(lambda: "blind-for-a-child" in page.panel.numbers.content)
     page.panel.ground.value = "sensors on an adult"
     page.refresh()
     until(lambda: "less-than-2-sensors-on-an-adult" in page.panel.numbers.content)
+    page.panel.ground.value = "recall of a Car"
+    page.refresh()
+    until(lambda: "mean-recall-of-a-car-on-the-ground" in page.panel.numbers.content)
 
 
 def test_a_lidar_that_breaks_a_constraint_is_marked_in_the_scene(browser):

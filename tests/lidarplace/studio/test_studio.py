@@ -63,7 +63,7 @@ def test_without_a_lidar_nothing_is_seen(tmp_path):
     assert studio.numbers().expected_recall == {"Car": 0.0}
     assert studio.view.objects(None)["points"].tolist() == [0]
     assert len(studio.view.cloud(None, 1000).points) == 0
-    assert studio.too_little("an adult").share == 1.0
+    assert studio.ground("blind for an adult").share == 1.0
 
 
 def test_what_a_frame_shows(studio):
@@ -127,7 +127,7 @@ requirements:
     for x, y in outcome.positions.points.tolist():
         (hits,) = hits_of(studio.placement, studio.file.body, [x, y, 0.8, 0.5, 0.5, 1.6, 0.0])
         few += [(x, y)] if len(hits) < 4 else []
-    ground = studio.too_little("somebody near")
+    ground = studio.ground("somebody near")
     assert sorted(map(tuple, ground.middles.tolist())) == sorted(few)
     assert 0 < len(few) < len(outcome.positions.points)
     assert ground.share == len(few) / len(outcome.positions.points)
@@ -138,7 +138,7 @@ requirements:
     assert studio.outcomes() is studio.outcomes()  # is worked out once a rig
     studio.enable(0, False)
     assert [v.text for v in studio.violations()] == ["somebody near: no LiDAR works"]
-    assert studio.too_little("somebody near") is None
+    assert studio.ground("somebody near") is None
 
 
 def test_two_in_one_place_are_told_and_not_measured_and_a_lidar_snaps_onto_its_zone(studio):
@@ -406,7 +406,10 @@ placements:
     studio.pose(1, z=2.2)
     assert "facing" not in {one.limit for one in studio.violations()}
     assert studio.file.text_with(studio.rigs).count("a2d2_front_camera") == 1
-    assert studio.too_little("sensors on a child").sensors.max() == 2
+    assert studio.ground("sensors on a child").sensors.max() == 2
+    ground = studio.ground("recall of a Car")
+    assert ground.recall.mean() == ground.share
+    assert 0 < ground.share < 1
 
 
 def test_numbers_of_lidars_in_all_by_zone_and_by_model(tmp_path):
@@ -449,14 +452,30 @@ search:
   lidars: 3
   models: {dome: {name: bpearl, price: 3, count: 2}, spinner: {name: vlp16, price: 4, count: 1}}
   zones:
-    roof: {x: [-1, 1], y: [-0.2, 0.2], z: [1.5, 1.7], lidars: 1, models: {spinner: {roll_deg: 5}}}
+    roof: {x: [-1, 1], y: [-0.2, 0.2], z: [1.5, 1.7], lidars: 1,
+           models: {spinner: {roll_deg: [0, 5]}}}
     side: {x: [0, 1], y: [0.9, 1.1], z: [0.6, 0.9], lidars: [0, 1], mirrored: true, models: [dome],
-           price: 1}
+           price: 1, facing_deg: 90, yaw_deg: [-95, 0], roll_deg: [-10, 0]}
+  pitch_deg: [-5, 5]
   fixed: [{x: -2.5, z: 0.8, yaw_deg: 180, model: spinner}]
   constraints: {price: 16}
 """
     studio = studio_of(tmp_path, text)
     assert not studio.violations()
+    studio.pose(1, roll=5.0, yaw=-80.0)  # as of the mirror image
+    studio.pose(3, roll=20.0)  # of a fixed one nothing is said
+    assert not studio.violations()
+    studio.pose(0, roll=5.0, yaw=100.0)
+    studio.pose(2, roll=-2.0, pitch=6.0)
+    turned = {one.text: one.excess for one in studio.violations()}
+    assert turned == {
+        "LiDAR 1: roll 5°, in side -10° to 0°": pytest.approx(5.0),
+        "LiDAR 1: yaw 100°, in side -5° to 90°": pytest.approx(10.0),
+        "LiDAR 3: roll -2°, in roof 0° to 5°": pytest.approx(2.0),
+        "LiDAR 3: pitch 6°, in roof -5° to 5°": pytest.approx(1.0),
+    }
+    for number in (0, 2):
+        studio.pose(number, roll=0.0, pitch=0.0, yaw=0.0)
     studio.model(2, "bpearl")
     assert [one.text for one in studio.violations()] == [
         "counts.bpearl: 3 bpearl, expected 2",

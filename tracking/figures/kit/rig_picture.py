@@ -16,7 +16,7 @@ from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import equal_axes, xyz
 from tracking.figures.kit.style import OUTLINE, QUIET, TOLD, add_menu, figure, lidar_markers, text
 from tracking.figures.kit.vehicle_lines import add_lines, extent_of, posts, vehicle_in_space
-from tracking.run_folders.search_json import Zone
+from tracking.run_folders.search_json import UNNAMED, Zone
 
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
 """Axes of a sensor, in colours that colour-blind readers can distinguish."""
@@ -44,11 +44,12 @@ class PicturedRig:
     """Mounts, and plotly text of each next to its pose, such as its LiDAR model; may be empty.
 
     `ground` is coloured if it is known; with `dead`, a LiDAR's number from 0, by its degraded
-    recall."""
+    recall. `detected` is the recall of a sweep's detectors."""
 
     mounts: tuple[Mount, ...]
     words: tuple[str, ...]
     ground: RecallGround | None = None
+    detected: RecallGround | None = None
     dead: int | None = None
 
     @classmethod
@@ -76,8 +77,8 @@ def rig_picture(
 ) -> go.Figure:
     """Draw rigs by their names in a menu, the first one at the start.
 
-    A rig with a ground is followed by the same one with its worst LiDAR dead. A sedan carries them
-    for a `vehicle` of None; LiDARs may sit in `zones`."""
+    A rig with a ground is followed by the same one with its worst LiDAR dead, and with the ground
+    as detected. A sedan carries them for a `vehicle` of None; LiDARs may sit in `zones`."""
     plot = figure("LiDARs on the vehicle", height=440, margin={"l": 0, "r": 0, "t": 70, "b": 48})
     plot.add_traces(vehicle_in_space(vehicle))
     states = {state: rig for name, rig in rigs.items() for state, rig in _states(name, rig)}
@@ -88,8 +89,14 @@ def rig_picture(
     owner = [""] * len(plot.data)
     first, length = next(iter(states)), float(np.ptp(extent_of(vehicle)[:, 0])) or 4.0
     distance = _DISTANCES[with_ground] * length
+    colours = _colours([rig.ground for rig in rigs.values()])
+    colours_as_detected = _colours([rig.detected for rig in rigs.values()])
     for name, rig in states.items():
         before = len(plot.data)
+        if rig.ground is not None:
+            _add_ground(plot, rig.ground, rig.dead is not None, colours)
+        elif rig.detected is not None:
+            _add_cells(plot, rig.detected, rig.detected.built, colours_as_detected)
         _add_rig(plot, rig, vehicle, _LABELS * distance)
         owner += [name] * (len(plot.data) - before)
     for trace, rig_name in zip(plot.data, owner, strict=True):
@@ -102,18 +109,19 @@ def rig_picture(
     plot.update_layout(
         scene=scene | {"camera": _camera(scene, vehicle, distance), "dragmode": "turntable"},
         legend={"orientation": "h", "y": 0, "yanchor": "top", "itemsizing": "constant"},
-        coloraxis=_colour_bar(states.values()),
     )
     changes = [({"visible": [rig_name in ("", name) for rig_name in owner]},) for name in states]
     return add_menu(plot, [text(name) for name in states], changes, y=1)
 
 
 def _states(name: str, rig: PicturedRig) -> list[tuple[str, PicturedRig]]:
-    """Return the rig as built and, if its ground has one, with its worst LiDAR dead; by name."""
+    """Return the rig as built, with its worst LiDAR dead and as detected, if known; by name."""
     dead = None if rig.ground is None else rig.ground.dead
     states = [(name, rig)]
     if dead is not None:
         states.append((f"{name}, LiDAR {dead + 1} dead", replace(rig, dead=dead)))
+    if rig.ground is not None and rig.detected is not None:
+        states.append((f"{name}, as detected", replace(rig, ground=None)))
     return states
 
 
@@ -137,10 +145,9 @@ def _camera(scene: Mapping[str, Any], vehicle: Vehicle | None, distance: float) 
     }
 
 
-def _colour_bar(rigs: Iterable[PicturedRig]) -> dict[str, Any]:
-    """Make the colours of all grounds; a fiftieth of the cells may have less than the darkest."""
-    grounds = [rig.ground for rig in rigs if rig.ground is not None]
-    maps = [ground.built for ground in grounds] + [ground.degraded for ground in grounds]
+def _colours(grounds: Iterable[RecallGround | None]) -> dict[str, Any]:
+    """Make the colours of grounds; a fiftieth of the cells may have less than the darkest."""
+    maps = [values for ground in grounds if ground for values in (ground.built, ground.degraded)]
     low = min((float(np.nanquantile(values, 0.02)) for values in maps), default=0.0)
     high = max((float(np.nanmax(values)) for values in maps), default=1.0)
     ink = {"font": {"color": _INK}, "text": "recall"}
@@ -206,9 +213,7 @@ def _prism(zone: Zone) -> NDArray[np.float64]:
 
 
 def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None, gap: float) -> None:
-    """Draw a rig: its ground, posts, axes, and LiDARs with numbers `gap` metres apart."""
-    if rig.ground is not None:
-        _add_ground(plot, rig.ground, rig.dead is not None)
+    """Draw a rig: its posts, axes, and LiDARs with numbers `gap` metres apart."""
     carried = posts(rig.mounts, vehicle)
     if len(carried):
         add_lines(plot, carried, OUTLINE, 8, name="posts")
@@ -220,7 +225,11 @@ def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None, gap: fl
     markers = lidar_markers(len(at), 7)
     if rig.dead is not None:
         markers["color"][rig.dead] = OUTLINE
-    same = f"LiDAR: {models[0]}" if len(set(models)) == 1 and models[0] else "LiDAR"
+    same = (
+        f"LiDAR: {models[0]}"
+        if len(set(models)) == 1 and models[0] not in ("", UNNAMED)
+        else "LiDAR"
+    )
     plot.add_scatter3d(
         **xyz(at),
         mode="markers",
@@ -232,7 +241,7 @@ def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None, gap: fl
     mixed = len(set(models)) > 1
     places = label_places(at, gap, max(map(len, models)) / 2 + 1 if mixed else 1.0)
     add_lines(plot, _pairs(at, places), OUTLINE, 1, showlegend=False)
-    ink = {} if rig.ground is None else {"color": _INK}
+    ink = {} if rig.ground is None and rig.detected is None else {"color": _INK}
     numbers = [f"{i} {model}" if mixed else str(i) for i, model in enumerate(models, start=1)]
     if rig.dead is not None:
         numbers[rig.dead] += " dead"
@@ -240,19 +249,29 @@ def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None, gap: fl
     plot.add_scatter3d(**xyz(places), mode="text", text=numbers, **style, **QUIET)
 
 
-def _add_ground(plot: go.Figure, ground: RecallGround, degraded: bool) -> None:
-    """Colour the cells of the ground by recall."""
-    values = (ground.degraded if degraded else ground.built).T.astype(np.float32)
+def _add_ground(
+    plot: go.Figure, ground: RecallGround, degraded: bool, colours: Mapping[str, Any]
+) -> None:
+    """Colour the ground by expected recall; under the vehicle as next to it."""
+    values = (ground.degraded if degraded else ground.built).copy()
     hidden, (rows, columns) = np.isnan(values), np.nonzero(~np.isnan(values))
-    for row, column in np.argwhere(hidden):  # under the vehicle, as next to it
+    for row, column in np.argwhere(hidden):
         nearest = np.hypot(rows - row, columns - column).argmin()
         values[row, column] = values[rows[nearest], columns[nearest]]
+    _add_cells(plot, ground, values, colours)
+
+
+def _add_cells(
+    plot: go.Figure, ground: RecallGround, values: NDArray[np.float64], colours: Mapping[str, Any]
+) -> None:
+    """Colour the cells of a ground by values, shape (nx, ny); where they are NaN is none."""
+    cells = values.T.astype(np.float32)
     plot.add_surface(
         x=ground.x.astype(np.float32),
         y=ground.y.astype(np.float32),
-        z=np.full(values.shape, -0.02, np.float32),
-        surfacecolor=values,
-        coloraxis="coloraxis",
+        z=np.where(np.isnan(cells), np.nan, np.float32(-0.02)),
+        surfacecolor=cells,
+        **colours,
         opacity=0.85,
         lighting={"ambient": 1.0, "diffuse": 0.0, "specular": 0.0},
         hovertemplate="x %{x:.0f}, y %{y:.0f} m: %{surfacecolor:.0%}<extra></extra>",

@@ -43,7 +43,7 @@ def write_decision(
     rigs = run.path / "rigs.yaml"  # which older run folders do not have
     required = rigs_requirements_section(run, first.drawn, first.group.setting)
     with_mounts = all(run.placements[name] for name in first.drawn)
-    pictures = [picture_section(first), rigs_section(first)] if with_mounts else []
+    pictures = [picture_section(first, analysis.pair), rigs_section(first)] if with_mounts else []
     parts = (*pictures[:1], recall, *pictures[1:], required, blind, short)
     steps = [("mount the LiDARs as in “Where the LiDARs sit”", "")] if answer.enough else []
     if answer.command:

@@ -1,6 +1,7 @@
 """Rigs on the vehicle, from above and from the side, all at one scale."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import plotly.graph_objects as go
@@ -8,10 +9,11 @@ from plotly.subplots import make_subplots
 
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
-from tracking.figures.kit.grounds import ground_note, with_grounds
+from tracking.figures.kit.grounds import detected_grounds, ground_note, with_grounds_of_folder
 from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
 from tracking.figures.kit.style import OUTLINE, QUIET, figure, lidar_colour, symbol, text
 from tracking.figures.kit.vehicle_lines import extent_of, name_of, posts, vehicle_outline
+from tracking.findings.failures import Failures
 from tracking.labels import digits
 from tracking.pages.section import Section
 from tracking.report.recommendation import Recommendation
@@ -27,14 +29,19 @@ Viewed = tuple[str, PicturedRig]
 """Title as plotly text, and the rig with the text behind the pose of every mount."""
 
 
-def picture_section(recommended: Recommendation) -> Section:
-    """Draw the vehicle with the LiDARs of the best rigs in 3D, for the first screen."""
+def picture_section(recommended: Recommendation, pair: Failures | None) -> Section:
+    """Draw the vehicle with the LiDARs of the best rigs in 3D, for the first screen.
+
+    The ground of the two rigs of `pair` is also coloured by what their detectors found."""
     run, lidars = recommended.run, recommended.run.sweep.lidars
     rigs = {
         name: PicturedRig.of(run.placements[name], [_model_words(m) for m in lidars.get(name, ())])
         for name in recommended.drawn
     }
-    rigs = with_grounds(rigs, run.path, run.sweep.classes)
+    rigs = with_grounds_of_folder(rigs, run.path, run.sweep.classes)
+    if pair is not None:
+        for name, ground in detected_grounds(pair).items():
+            rigs[name] = replace(rigs[name], detected=ground)
     notes = [f"Choose one of the best rigs in the menu. {AXES_AND_POSTS}", ground_note(rigs)]
     picture = rig_picture(rigs, run.sweep.body)
     return Section("The rigs", [*filter(None, notes)], [picture], place="picture")

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
@@ -153,10 +154,14 @@ def found_alone(
             )
     most = 1.08 * max(counts.groupby("bin")[["first", "second"]].sum().max().max(), 1.0)
     plot.add_vline(x=0, line={"color": OUTLINE, "width": 1})
+    unit = 10.0 ** np.floor(np.log10(most / 2))
+    step = max(1.0, *(n * unit for n in (1, 2, 5) if n * unit <= most / 2))
+    ticks = step * np.arange(-(most // step), most // step + 1)
     plot.update_xaxes(
         title=f"objects: ← {text(rigs[1])} alone<br>{text(rigs[0])} alone →",
         range=[-most, most],
-        tickformat=",.0f",
+        tickvals=ticks,
+        ticktext=[f"{abs(tick):,.0f}" for tick in ticks],
     )
     name_rows(plot, [f"{name}, n {total[name]:,}" for name in bins])
     return legend_below(plot)
