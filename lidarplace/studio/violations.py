@@ -130,9 +130,9 @@ def _turned_too_far(rig: Rig, file: RigsFile) -> Iterator[ReportedViolation]:
         pose = rig.pose(number)
         turns = allowed_turns(file, lidar.zone, lidar.model, pose["y"])
         far = beyond([pose[angle] for angle in ANGLES], turns)
-        for angle, excess, (middle, half) in zip(ANGLES, far.tolist(), turns.tolist(), strict=True):
+        for angle, excess, (centre, half) in zip(ANGLES, far.tolist(), turns.tolist(), strict=True):
             if abs(excess) > ROUNDING_DEG:
-                span = f"{middle:g}°" if half == 0 else f"{middle - half:g}° to {middle + half:g}°"
+                span = f"{centre:g}°" if half == 0 else f"{centre - half:g}° to {centre + half:g}°"
                 text = f"LiDAR {number + 1}: {angle} {pose[angle]:.4g}°, in {lidar.zone} {span}"
                 yield ReportedViolation("turn", (number,), pose[angle], abs(excess), text)
 
