@@ -1,5 +1,6 @@
 """Decision whether the simulator can be trusted for a vehicle."""
 
+import math
 from typing import NamedTuple
 
 from lidarplace.base.number_text import number, percent
@@ -55,6 +56,8 @@ def decide(validation: Validation) -> Decision:
 def _failed(validation: Validation, model: str) -> list[str]:
     row = validation.scores.query("model == @model and by == 'all'").iloc[0]
     bias, spread, within, rho = row[["bias", "spread", "within_2", "rho"]]
+    if math.isnan(bias):
+        return ["no object has 5 simulated points"]
     share = row["simulated_5"] - row["real_5"]
     checks = {
         f"the median object has {2**bias:.2f} times its real points": abs(bias) <= BIAS,

@@ -1,12 +1,14 @@
 """Fit of a correction: a factor by class and a distance, from counts of real points.
 
 A ray on an object of class c at range r returns with probability `factor_c exp(-r / distance)`,
-times the share that the LiDAR's own shadow leaves. The fit minimises the mean of
-`|log2((simulated + 1/2) / (real + 1/2))|` over boxes: errors of factors count alike for rich and
-for poor objects, and single boxes do not decide it."""
+times the share that the LiDAR's own shadow leaves. The fit maximises a weighted Poisson likelihood
+of the points of every box. Boxes without points count; those without rays enter its equations, as
+real rays are not the simulated ones. It needs only a right mean, whatever the rays of an object
+have in common (Santos Silva and Tenreyro, The Log of Gravity, 2006)."""
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -20,12 +22,12 @@ from lidarplace.validation.simulation import Returns
 FEWEST_TRACKS = 40  # of fewer tracks one number is fitted, and the page says that they are too few
 
 FEWEST_OF_CLASS = 10  # tracks of a class with a factor of its own
-DISTANCES_M = (
-    math.inf, 400.0, 250.0, 180.0, 140.0, 115.0, 100.0, 85.0, 75.0, 65.0, 55.0, 45.0, 35.0
-)  # fmt: skip
-"""Distances among which the fit chooses, metres."""
 MOST_FACTOR = 2.0
-RESAMPLES = 100  # of tracks, for the intervals
+MOST_RAYS = 100.0
+"""Limit of the weight of a box: n rays count as n / (1 + n / this), as they share its errors."""
+
+_MOST_LOSS = 0.2  # inverse of the shortest distance, 1/m
+_FLAT = 1e-9  # relative slope of a likelihood that does not depend on the distance
 
 
 @dataclass(frozen=True)
@@ -66,74 +68,154 @@ class Thinning(NamedTuple):
         return self.fit.points(returns, classes, returns.shares(self.mask))
 
 
+class _Estimate(NamedTuple):
+    """Most likely factors at an inverse distance, and what they predict for each box."""
+
+    factor: NDArray[np.float64]  # shape (classes,)
+    expected: NDArray[np.float64]  # points, shape (n,)
+    away: NDArray[np.float64]  # mean range of them, metres, shape (n,)
+    slope: float  # of the likelihood by the inverse distance
+
+
 @dataclass(frozen=True)
 class FitData:
     """Counts that a fit sees: n boxes nearer than `BELOW_M` whose real points are known."""
 
-    track: NDArray[np.int64]  # number of the track of each
+    track: NDArray[np.int64]  # number of the track of each, from 0 without gaps
     name: NDArray[np.str_]  # class that decides the factor of each
     real: NDArray[np.float64]  # points of each
-    simulated: NDArray[np.float64]  # returns for each of `DISTANCES_M`, shape (distances, n)
+    away: NDArray[np.float64]  # distance of each, metres
+    box: NDArray[np.int64]  # number of the box for each row of rays, shape (rows,)
+    rays: NDArray[np.float64]  # simulated returns of each row, after shadows
+    distance: NDArray[np.float64]  # range of each row, metres
 
     @classmethod
     def of(cls, objects: pd.DataFrame, returns: Returns, shares: NDArray[np.float64]) -> "FitData":
-        """Select objects, whose index is the row of the box, and what is simulated of them."""
-        near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
-        size = int(max(objects.index.max(), returns.box.max(initial=0))) + 1
-        thinned = (returns.points * shares * np.exp(-returns.distance / d) for d in DISTANCES_M)
-        simulated = [np.bincount(returns.box, points, size)[near.index] for points in thinned]
-        track = np.asarray(near.groupby(["scene", "object_id"]).ngroup(), np.int64)
-        names = near["class"].to_numpy(str)
-        tracks = near.assign(track=track).groupby("class")["track"].nunique()
-        few = [str(name) for name, number in tracks.items() if number < FEWEST_OF_CLASS]
-        names = np.where(np.isin(names, np.array(few, np.str_)), OTHER, names)
-        real = near["real"].to_numpy(np.float64)
-        return cls(track, names.astype(np.str_), real, np.array(simulated))
-
-    def fit(self, rows: NDArray[np.int64] | None = None) -> Fit:
-        """Fit the correction of boxes `rows`, some perhaps repeatedly; of all for None.
+        """Select objects, whose index is the row of the box, and what is simulated of them.
 
         Raises ValueError: none has both real and simulated points."""
-        if rows is None:
-            rows = np.arange(len(self.real))
-        real, names = self.real[rows], self.name[rows]
-        if not ((real > 0) & (self.simulated[0][rows] > 0)).any():
+        rays = returns.points * shares
+        near = objects[(objects["distance"] < BELOW_M) & objects["real"].notna()]
+        met = near.index.isin(returns.box[rays > 0])
+        if not near["real"][met].any():
             raise ValueError("too few objects with both real and simulated points for a fit")
-        few = len(np.unique(self.track[rows])) < FEWEST_TRACKS
-        classes, class_of = np.unique(names, return_inverse=True)
-        best, least = Fit({}, None), math.inf
-        for distance, all_simulated in zip(DISTANCES_M, self.simulated, strict=True):
-            if few and distance < math.inf:
-                break
-            simulated = all_simulated[rows]
-            factor = {OTHER: _factor(simulated, real)}
-            if not few:
-                factor |= {n: _factor(simulated[names == n], real[names == n]) for n in classes}
-            fitted = Fit(factor, None if distance == math.inf else distance)
-            expected = simulated * fitted.factors(classes)[class_of]
-            loss = float(np.abs(np.log2((expected + 0.5) / (real + 0.5))).mean())
-            if loss < least:
-                best, least = fitted, loss
-        return best
+        track, name = near.groupby(["scene", "object_id"]).ngroup(), near["class"].astype(str)
+        tracks = track[met].groupby(name[met]).nunique()
+        name = name.where(name.map(tracks) >= FEWEST_OF_CLASS, OTHER)
+        if track[met].nunique() < FEWEST_TRACKS:
+            name[:] = OTHER
+        elif track[met & (name == OTHER)].nunique() < FEWEST_OF_CLASS:
+            near = near[name != OTHER]
+        number = np.full(max(near.index.max(), returns.box.max()) + 1, -1, np.int64)
+        number[near.index] = np.arange(len(near))
+        rows = number[returns.box] >= 0
+        _, numbers = np.unique(track[near.index], return_inverse=True)
+        return cls(
+            np.asarray(numbers, np.int64),
+            name[near.index].to_numpy(np.str_),
+            near["real"].to_numpy(np.float64),
+            near["distance"].to_numpy(np.float64),
+            np.asarray(number[returns.box[rows]]),
+            rays[rows],
+            returns.distance[rows],
+        )
 
-    def intervals(self, seed: int = 0) -> dict[str, tuple[float, float]]:
-        """Compute 95 % intervals of the factors and of the distance, from resampled tracks.
+    def fit(self) -> Fit:
+        """Fit the correction; without boxes of OTHER that factor is of all boxes together."""
+        (names, class_of), loss = self._classes, self._loss(0.0)
+        factor = {OTHER: float(self._at(loss, np.zeros_like(class_of)).factor[0])}
+        factor |= zip(names.tolist(), self._at(loss, class_of).factor.tolist(), strict=True)
+        return Fit(factor, 1.0 / loss if loss else None)
 
-        An infinite distance is infinite in them, too."""
-        random = np.random.default_rng(seed)
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Compute 95 % intervals of the factors of classes, and of the distance in metres.
+
+        They hold the fit, which has no distance below 0. That of a class without points is by the
+        share of tracks with points. An infinite distance is infinite in them, too; of one track
+        there is none."""
+        if not self.track.any():
+            return {}
+        (names, class_of), fitted = self._classes, self.fit()
+        estimate = self._at(loss := self._loss(-_MOST_LOSS), class_of)
+        seen = np.flatnonzero(estimate.factor)
+        half = self._half_widths(estimate, class_of, seen)
+        ends, most = {}, math.log(MOST_FACTOR)
+        for name, log, width in zip(names[seen], np.log(estimate.factor[seen]), half, strict=False):
+            low, high = np.exp(np.minimum([log - width, log + width], most)).tolist()
+            ends[str(name)] = min(low, fitted.factor[name]), max(high, fitted.factor[name])
+        for number in np.flatnonzero(estimate.factor == 0):
+            tracks = len(np.unique(self.track[class_of == number]))
+            ends[str(names[number])] = 0.0, 1.0 - 0.05 ** (1.0 / tracks)
+        if self._has_distance:
+            low = max(loss - float(half[-1]), 0.0)
+            high = max(loss + float(half[-1]), 1.0 / (fitted.distance or math.inf))
+            ends["distance"] = 1.0 / high if high else math.inf, 1.0 / low if low else math.inf
+        return ends
+
+    def _half_widths(
+        self, estimate: _Estimate, class_of: NDArray[np.int64], seen: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Compute half of the intervals of the logarithms of factors `seen`, and of the loss.
+
+        A jackknife leaves out each track by a Newton step; Student's t has the degrees of freedom
+        of as many tracks that weigh alike (Carter, Schnepel and Steigerwald, 2017)."""
+        from scipy.stats import t
+
+        columns = (class_of[:, None] == seen).astype(np.float64)
+        if self._has_distance:
+            columns = np.column_stack([columns, -estimate.away])
+        weighted = columns * self._weight[:, None]
+        score = self._of_tracks(weighted * (self.real - estimate.expected)[:, None])
+        weighted *= estimate.expected[:, None]
+        information = self._of_tracks(weighted[:, :, None] * columns[:, None])
+        others = information.sum(axis=0) - information
+        change = np.linalg.solve(others, score[:, :, None])[:, :, 0]
+        spread = ((change - change.mean(axis=0)) ** 2).sum(axis=0) * (1.0 - 1.0 / len(change))
+        diagonal = np.diagonal(information, axis1=1, axis2=2)
+        alike = diagonal.sum(axis=0) ** 2 / (diagonal**2).sum(axis=0)
+        return np.asarray(np.sqrt(spread) * t.isf(0.025, np.maximum(alike - 1.0, 0.5)))
+
+    def _of_tracks(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sum the values of boxes, shape (n, ...), by track."""
         order = np.argsort(self.track, kind="stable")
-        parts = np.split(order, np.cumsum(np.bincount(self.track))[:-1])
-        resampled = []
-        for _ in range(RESAMPLES):
-            chosen = random.integers(0, len(parts), len(parts))
-            fitted = self.fit(np.concatenate([parts[n] for n in chosen]))
-            resampled.append(fitted.factor | {"distance": fitted.distance or math.inf})
-        table = pd.DataFrame(resampled)
-        ends = table.quantile([0.025, 0.975], interpolation="nearest")  # inf has no neighbours
-        return {str(name): (low, high) for name, (low, high) in ends.items()}
+        _, first = np.unique(self.track[order], return_index=True)
+        return np.asarray(np.add.reduceat(values[order], first))
 
+    @cached_property
+    def _classes(self) -> tuple[NDArray[np.str_], NDArray[np.int64]]:
+        return np.unique(self.name, return_inverse=True)
 
-def _factor(simulated: NDArray[np.float64], real: NDArray[np.float64]) -> float:
-    """Return the median of real over simulated points; 1 where no object has both."""
-    both = (simulated > 0) & (real > 0)
-    return min(float(np.median(real[both] / simulated[both])), MOST_FACTOR) if both.any() else 1.0
+    @cached_property
+    def _weight(self) -> NDArray[np.float64]:
+        return 1.0 / (1.0 + np.bincount(self.box, self.rays, len(self.real)) / MOST_RAYS)
+
+    @cached_property
+    def _has_distance(self) -> bool:
+        enough = len(np.unique(self.track)) >= FEWEST_TRACKS
+        return enough and self._at(-_MOST_LOSS, self._classes[1]).slope > _FLAT
+
+    def _loss(self, least: float) -> float:
+        """Find the most likely inverse distance from `least` on, 1/m."""
+        from scipy.optimize import brentq
+
+        def slope(loss: float) -> float:
+            return self._at(loss, self._classes[1]).slope
+
+        if not self._has_distance:
+            return 0.0
+        if slope(least) <= _FLAT:
+            return least
+        return float(brentq(slope, least, _MOST_LOSS)) if slope(_MOST_LOSS) < 0 else _MOST_LOSS
+
+    def _at(self, loss: float, class_of: NDArray[np.int64]) -> _Estimate:
+        rays, size = self.rays * np.exp(-loss * self.distance), len(self.real)
+        returns, away = np.bincount(self.box, rays, size), self.away.copy()
+        np.divide(
+            np.bincount(self.box, rays * self.distance, size), returns, away, where=returns > 0
+        )
+        points = np.bincount(class_of, self._weight * self.real)
+        most_likely = points / np.bincount(class_of, self._weight * returns)
+        factor = np.minimum(most_likely, MOST_FACTOR)
+        expected = np.asarray(factor[class_of] * returns, np.float64)
+        slope = self._weight * away @ (expected - self.real) / (self._weight * away @ self.real)
+        return _Estimate(factor, expected, away, float(slope))

@@ -347,4 +347,5 @@ def _file(
     factor = {str(name): round(share, 4) for name, share in fit.factor.items()}
     further = [name for name in factor if name not in (*CLASSES, OTHER)]
     keys = {"factor": factor, "classes": further, "lidars": lidars, "fitted": fitted}
-    return CorrectionFile.model_validate(keys | {"distance": fit.distance})
+    distance = None if fit.distance is None else round(fit.distance, 1)
+    return CorrectionFile.model_validate(keys | {"distance": distance})
