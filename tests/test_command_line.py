@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from sweeps.command_line import VERBS, app
 
 ROOT = Path(__file__).parents[1]
-CONVERT = ("nuscenes", "argoverse", "table", "kitti")
+CONVERT = ("nuscenes", "truckscenes", "argoverse", "table", "kitti", "openpcdet", "pandaset")
 COMMANDS = [
     *(name for name in VERBS if name not in ("convert", "sensors")),
     *(f"convert {name}" for name in CONVERT),

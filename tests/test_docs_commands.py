@@ -31,6 +31,12 @@ from sweeps.store.open import reference
 from tests.docs_blocks import ROOT, Block, blocks, commands, commands_in_text
 from tests.fuzz.world import SEARCH as SMALL_SEARCH
 from tests.fuzz.world import write_data_sets
+from tests.lidarplace.small_data_sets import (
+    write_openpcdet,
+    write_opv2v,
+    write_pandaset,
+    write_truckscenes,
+)
 from tests.lidarplace.test_sensors_fit import cloud_of
 from tests.mlflow_database import write_database
 from tests.other_simulator import write_log as write_recorded_log
@@ -78,8 +84,10 @@ def app_of(verb: str) -> typer.Typer:
 def check_options(app: typer.Typer, arguments: list[str]) -> None:
     """Raises click's UsageError if there is no such subcommand or option, or one lacks a value."""
     command: Any = typer.main.get_command(app)
-    while hasattr(command, "commands") and arguments and arguments[0] in command.commands:
-        command, arguments = command.commands[arguments[0]], arguments[1:]
+    while hasattr(command, "commands") and arguments:
+        if (inner := command.get_command(None, arguments[0])) is None:
+            break
+        command, arguments = inner, arguments[1:]
     command.make_parser(command.make_context("it", [], resilient_parsing=True)).parse_args(
         list(arguments)
     )
@@ -141,6 +149,10 @@ def make_world(folder: Path) -> None:
     (folder / "examples/own_detector/sweep.yaml").write_text(yaml.safe_dump(settings))
     _tables(folder)
     write_data_sets(folder / "data", "nuscenes/v1.0-mini", "av2/sensor", both=True)
+    write_truckscenes(folder / "data/man-truckscenes/v1.0-mini")
+    write_pandaset(folder / "data/pandaset")
+    write_opv2v(folder / "data/opv2v")
+    write_openpcdet(folder / "data/custom")
 
 
 def write_more_frames(log: Path) -> None:
@@ -246,7 +258,15 @@ def listed(command: str) -> str | None:
     return next((start for start in NOT_RUN if bare == start or bare.startswith(start)), None)
 
 
-FIRST = {"README.md", "data.md", "label_files.md", "data_sets.md", "traffic.md", "rigs.md"}
+FIRST = {
+    "README.md",
+    "data.md",
+    "label_files.md",
+    "data_sets.md",
+    "further_data_sets.md",
+    "traffic.md",
+    "rigs.md",
+}
 """Pages whose commands run in every test; the others repeat these with other settings."""
 RUN = [
     pytest.param(command, id=str(command), marks=() if command.page in FIRST else pytest.mark.long)

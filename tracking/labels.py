@@ -20,6 +20,14 @@ def digits(value: float, form: str) -> str:
     return "−" + text[1:] if text.startswith("-") else text
 
 
+def known(value: float, error: float) -> str:
+    """Format a number to the second digit of its error, thousands separated."""
+    if not (np.isfinite(error) and error > 0):
+        return number(value)
+    decimals = 1 - int(np.floor(np.log10(error)))
+    return digits(round(value, decimals), f"z,.{max(decimals, 0)}f")
+
+
 def number(value: float) -> str:
     """Format five significant digits, thousands separated; what rounds to 0.00000000 is 0."""
     if abs(value) < 5e-9 or not np.isfinite(value):

@@ -151,11 +151,11 @@ class _Tables:
             for block_mount, block, of_block in blocks(mount, lidar):
                 beams = beams_of(block)
                 numbers.append(_numbers(block_mount, block, beams, lift, clouds))
-                own = 0 if block.pattern is None else 1
+                is_pattern = int(block.pattern is not None)
                 rows = self._rows(block, beams)
                 first = -1 if first_end < 0 else first_end + of_block.start
                 steps = beams.azimuths.shape[2]
-                angles = own, rows.elevations, rows.azimuths
+                angles = is_pattern, rows.elevations, rows.azimuths
                 shape = (0, block.rays, steps, *angles, 0, 0, first, rows.mask)
                 integers.append((*shape, 0, 0, 0, of_block.start, lidar.rays, 0))
                 reach.append(beams.reach)

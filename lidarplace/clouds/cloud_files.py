@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,6 +14,7 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.kernel_cache import njit
 from lidarplace.files.atomic import first_line, reading
 from lidarplace.files.columns import check_columns, groups, integers, no_text, numbers_if_known
+from lidarplace.files.pickles import read_pickle
 from lidarplace.files.regular import regular
 
 COLUMNS = ("x", "y", "z", "intensity", "ring", "lidar", "time")
@@ -39,14 +40,24 @@ _NUMPY = {("F", 4): "<f4", ("F", 8): "<f8"} | {
 }
 
 
+class CloudFile(NamedTuple):
+    """A file of a frame's points, and where these are."""
+
+    path: str  # relative to the folder of clouds
+    to_ego: NDArray[np.float64]
+    """Matrix from the file's frame to our ego frame, metres, (3, 4); it may mirror."""
+    lidar: str = ""  # name of the LiDAR of all points; empty: that of column `lidar`
+
+
 def read_cloud(path: Path) -> pd.DataFrame:
     """Return the points of a file, in its order and in its own frame.
 
     `.bin` is KITTI's (x, y, z, intensity; float32), `.pcd.bin` nuScenes' (and ring), `.pcd` that of
-    the Point Cloud Library (any coding); `.feather`, `.parquet` and structured `.npy` have
-    named columns, see `NAMES`; an `.npy` without names has those of `COLUMNS` in their order. x, y,
-    z are float32 or float64; what a LiDAR did not see may be NaN. Raises ValueError, which names
-    the file, for what cannot be read, is none of these, or has a wrong value."""
+    the Point Cloud Library (any coding), `.pkl.gz` PandaSet's; `.feather`, `.parquet` and
+    structured `.npy` have named columns, see `NAMES`; an `.npy` without names has those of
+    `COLUMNS` in their order. x, y, z are float32 or float64; what a LiDAR did not see may be NaN.
+    Raises ValueError, which names the file, for what cannot be read, is none of these, or has a
+    wrong value."""
     with reading(path):
         for suffix, read in _READERS.items():
             if path.name.lower().endswith(suffix):
@@ -122,6 +133,10 @@ def _arrow(path: Path) -> pd.DataFrame:
             return pd.DataFrame(feather.read_table(file).to_pandas(ignore_metadata=True))
     except (ValueError, KeyError) as error:  # Arrow's own are of the first
         raise InputError(f"no table: {first_line(error)}", place=path) from None
+
+
+def _pandaset(path: Path) -> pd.DataFrame:
+    return read_pickle(path).rename(columns={"d": "lidar"})
 
 
 def _pcd(path: Path) -> pd.DataFrame:
@@ -225,5 +240,5 @@ def _lzf(data: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
 # By the end of a file's name; the first that fits.
 _READERS: dict[str, Callable[[Path], pd.DataFrame]]
 _READERS = {".pcd.bin": partial(_floats, 5), ".bin": partial(_floats, 4), ".pcd": _pcd}
-_READERS |= {".feather": _arrow, ".parquet": _arrow, ".npy": _npy}
+_READERS |= {".feather": _arrow, ".parquet": _arrow, ".npy": _npy, ".pkl.gz": _pandaset}
 CLOUD_SUFFIXES = tuple(_READERS)

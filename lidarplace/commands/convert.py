@@ -1,7 +1,7 @@
 """Box logs from data sets and tables: `lidarplace convert --help`."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -10,21 +10,22 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from lidarplace.base.errors import InputError, at
 from lidarplace.base.ranges import LIDAR_HEIGHT, SHARE
-from lidarplace.base.registry import PluginError, Registry
+from lidarplace.base.registry import PluginError
 from lidarplace.command_line.option_groups import with_option_group
 from lidarplace.command_line.terminal import say
 from lidarplace.command_line.verbs import checked_input, known, new_app, verb, within, wrong
 from lidarplace.commands.convert_options import DataSetOptions, RigOptions
 from lidarplace.commands.convert_output import convert_log
+from lidarplace.commands.convert_readers import READERS, Out, command_of_reader
 from lidarplace.files.atomic import read_text
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.scenes.datasets.argoverse import CLOUDS_ORIGIN, read_argoverse
 from lidarplace.scenes.datasets.class_maps import PAPER, named_class_map
-from lidarplace.scenes.datasets.nuscenes import read_nuscenes
+from lidarplace.scenes.datasets.nuscenes import ZOE, Vehicle, read_nuscenes
 from lidarplace.scenes.datasets.openlabel import read_openlabel
 from lidarplace.scenes.datasets.tabular import read_tabular
+from lidarplace.scenes.datasets.truckscenes import TRUCK
 from lidarplace.scenes.datasets.waymo import read_waymo
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 from lidarplace.scenes.kitti.read import read_kitti, subfolder
@@ -35,14 +36,9 @@ from lidarplace.scenes.label_tables.units import SECONDS
 from lidarplace.scenes.sanity_checks.boxes import implausible_degrees
 from lidarplace.scenes.sanity_checks.check_log import check_log, error_of, implausible_values
 
-Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
-
-READERS: Registry[Callable[[Path, Counter[str]], BoxLog]] = Registry("lidarplace.readers", {})
-"""Readers of other packages: a function of a path and of the boxes left out by class."""
-
 
 class _Readers(TyperGroup):
-    """Group with a command for each reader of another package, which its docstring describes."""
+    """Group with a command for each of `READERS`."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return [*super().list_commands(ctx), *READERS.installed()]
@@ -51,26 +47,13 @@ class _Readers(TyperGroup):
         if name in self.commands:
             return super().get_command(ctx, name)
         try:
-            if READERS.path(name) is None:
+            if name not in READERS.own and READERS.path(name) is None:
                 return None
-            read = READERS[name]
+            command = command_of_reader(name)
         except PluginError as error:
             wrong(error)
-
-        def convert(source: Annotated[Path, typer.Argument(help="what to read")], out: Out) -> None:
-            def log(ignored: Counter[str]) -> BoxLog:
-                with READERS.calls(name, ValueError, OSError), at(name):
-                    box_log = read(source, ignored)
-                if not isinstance(box_log, BoxLog):
-                    kind = type(box_log).__name__
-                    raise InputError("wrong type", place=name, expected="a BoxLog", found=kind)
-                return box_log
-
-            convert_log(log, source, out)
-
-        convert.__doc__ = read.__doc__
         app_of_reader = new_app()
-        verb(app_of_reader, "SOURCE OUT", name=name)(convert)
+        verb(app_of_reader, f"data/{name} logs/{name}", name=name)(command)
         return typer.main.get_command(app_of_reader)
 
 
@@ -81,46 +64,68 @@ app = new_app(
 )
 
 
-@verb(app, "data/nuscenes logs/nuscenes --version v1.0-mini")
-@with_option_group()
-def nuscenes(
-    source: Annotated[Path, typer.Argument(help="folder v1.0-… of tables, or its parent")],
-    out: Out,
-    options: DataSetOptions,
-    version: Annotated[str | None, typer.Option(help="such as v1.0-trainval")] = None,
-    test_share: Annotated[
-        float, typer.Option(help="share of the recordings for testing", callback=within(SHARE))
-    ] = 0.2,
-    test_scenes: Annotated[
-        Path | None,
-        typer.Option(help="text file with one test scene per line, instead of --test-share"),
-    ] = None,
-    channel: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="LiDAR of the rig, the one of the ego's poses first; repeatable, by default all"
-        ),
-    ] = None,
-    origin: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(
-            metavar="X Y Z",
-            help="origin of the ego frame of the tables in ours, metres; by default that of "
-            "nuScenes' vehicle",
-        ),
-    ] = None,
-) -> None:
-    """Annotated key frames of nuScenes v1.0, and data sets of the same tables."""
+def _tables_command(vehicle: Vehicle, text: str, example: str) -> None:
+    """Add the command of a data set of nuScenes' tables."""
 
-    def read(ignored: Counter[str]) -> BoxLog:
-        test = read_text(test_scenes).split() if test_scenes else test_share
-        arguments = options.arguments(ignored)
-        if origin is not None:
-            arguments["origin"] = [0 - value for value in origin]
-        arguments["channels"] = channel or ()
-        return read_nuscenes(source, version=version, test_scenes=test, **arguments)
+    def convert(
+        source: Annotated[Path, typer.Argument(help="folder v1.0-… of tables, or its parent")],
+        out: Out,
+        options: DataSetOptions,
+        version: Annotated[str | None, typer.Option(help="such as v1.0-trainval")] = None,
+        test_share: Annotated[
+            float, typer.Option(help="share of the recordings for testing", callback=within(SHARE))
+        ] = 0.2,
+        test_scenes: Annotated[
+            Path | None,
+            typer.Option(help="text file with one test scene per line, instead of --test-share"),
+        ] = None,
+        channel: Annotated[
+            list[str] | None,
+            typer.Option(
+                help="LiDAR of the rig, the one of the ego's poses first; repeatable, by default "
+                "all"
+            ),
+        ] = None,
+        origin: Annotated[
+            tuple[float, float, float] | None,
+            typer.Option(
+                metavar="X Y Z",
+                help="origin of the ego frame of the tables in ours, metres; by default that of "
+                "the data set's vehicle",
+            ),
+        ] = None,
+    ) -> None:
+        def read(ignored: Counter[str]) -> BoxLog:
+            test = read_text(test_scenes).split() if test_scenes else test_share
+            arguments = options.arguments(ignored, several=True)
+            if origin is not None:
+                arguments["vehicle"] = replace(vehicle, origin=[0 - value for value in origin])
+            return read_nuscenes(
+                source,
+                version=version,
+                test_scenes=test,
+                channels=channel or (),
+                **{"vehicle": vehicle} | arguments,
+            )
 
-    convert_log(read, source, out, options)
+        convert_log(read, source, out, options)
+
+    convert.__doc__ = text
+    verb(app, f"data/{vehicle.name} logs/{vehicle.name} {example}", name=vehicle.name)(
+        with_option_group()(convert)
+    )
+
+
+_tables_command(
+    ZOE,
+    "Annotated key frames of nuScenes v1.0, and data sets of the same tables.",
+    "--version v1.0-mini",
+)
+_tables_command(
+    TRUCK,
+    "Annotated key frames of MAN TruckScenes, whose LiDARs have a model each.",
+    "--lidar LIDAR_LEFT=pandar64,LIDAR_RIGHT=pandar64 --channel LIDAR_LEFT --channel LIDAR_RIGHT",
+)
 
 
 @verb(app, "data/av2/sensor logs/av2 --split val")

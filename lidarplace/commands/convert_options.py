@@ -1,6 +1,7 @@
 """Options that the readers of `lidarplace convert` share."""
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,6 +15,7 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Placement
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import PAPER, named_class_map
+from lidarplace.scenes.datasets.drives import Models
 
 KEEP, LEVEL = "keep", "level"
 
@@ -35,7 +37,10 @@ class LogOptions:
     lidar: Annotated[
         str | None,
         typer.Option(
-            "--lidar", help="LiDAR model of the recording, from `lidarplace sensors`, such as vlp16"
+            "--lidar",
+            metavar="MODEL|LIDAR=MODEL,…",
+            help="LiDAR model of the recording, from `lidarplace sensors`, such as vlp16; of "
+            "several models one for each LiDAR of the rig",
         ),
     ] = None
     ground: Annotated[
@@ -64,10 +69,22 @@ class LogOptions:
         ),
     ] = False
 
-    def model(self) -> Lidar | None:
-        """Return the LiDAR of the catalogue that `--lidar` names; raise ValueError for none."""
+    def models(self) -> Models:
+        """Return what `--lidar` names of the catalogue; raise ValueError for none."""
+        if self.lidar is None:
+            return None
         with at("--lidar"):
-            return None if self.lidar is None else Lidar.named(self.lidar)
+            if "=" not in self.lidar:
+                return Lidar.named(self.lidar)
+            pairs = [pair.partition("=") for pair in self.lidar.split(",")]
+            return {name.strip(): Lidar.named(model.strip()) for name, _, model in pairs}
+
+    def model(self) -> Lidar | None:
+        """Return the one model of `--lidar`; raise ValueError for several."""
+        models = self.models()
+        if isinstance(models, Mapping):
+            raise InputError(place="--lidar", expected="one model", found=self.lidar)
+        return models
 
     def recorded_rig(self) -> RecordedRig | None:
         """Return the rig of all scenes, if it is given; raise ValueError for an invalid file."""
@@ -87,12 +104,14 @@ class DataSetOptions(LogOptions):
         ),
     ] = False
 
-    def arguments(self, ignored: Counter[str]) -> dict[str, Any]:
-        """Return the arguments that readers share."""
-        classes, keep = named_class_map(self.class_map), self.keep_ignored
+    def arguments(self, ignored: Counter[str], several: bool = False) -> dict[str, Any]:
+        """Return the arguments that readers share; `several`: LiDARs may have a model each."""
         return {
-            "ignored": ignored, "class_map": classes, "lidar": self.model(), "keep_ignored": keep
-        }  # fmt: skip
+            "ignored": ignored,
+            "class_map": named_class_map(self.class_map),
+            "lidar": self.models() if several else self.model(),
+            "keep_ignored": self.keep_ignored,
+        }
 
 
 @dataclass(frozen=True)
@@ -126,3 +145,8 @@ class RigOptions(LogOptions):
             models.append(model)
         placement = Placement(self.rig.stem, [each.mount for each in mounted], models)
         return RecordedRig(tuple(each.name for each in mounted), placement)
+
+
+@dataclass(frozen=True)
+class ReaderOptions(DataSetOptions, RigOptions):
+    """Options of readers of data sets whose rig is in no file."""

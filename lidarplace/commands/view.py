@@ -82,7 +82,7 @@ def _notes(frame: Frame, crop: Crop, profile: str) -> list[str]:
     return [
         f"Route {frame.row['route']} ({frame.row['split']}), t = {frame.row['timestamp_s']:g} s; "
         f"LiDARs of profile {profile}. ROI {roi}. Objects with their centre in it: {objects}.",
-        "x is forward, y left. Points of the ROI have the colour of their LiDAR, boxes that of "
+        "x is forward, y left, in metres. Points have the colour of their LiDAR, boxes that of "
         "their class and a line towards the front; of many points a random part is drawn. "
         "Drag to rotate all scenes, scroll to zoom, hover over fronts and LiDARs for details.",
     ]

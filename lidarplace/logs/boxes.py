@@ -31,7 +31,7 @@ FULL_POSE_COLUMNS = ("ego_z", "ego_roll", "ego_pitch")
 """The rest of its pose, for logs that know all of it: metres, and radians about our axes."""
 CLOUD = "cloud"
 """Column of frames that a reader adds: the file of the frame's real cloud, relative to the folder
-of a data set's clouds. No log on disk has it."""
+of a data set's clouds, or a tuple of `CloudFile`. No log on disk has it."""
 SOURCE = "source"  # column of frames that a reader may add: how the source calls the frame
 BUILDING_COLUMNS = ("scene", *GEOMETRY)  # a building: a box in the world frame of its scene
 POINTS = "points"

@@ -102,6 +102,10 @@ class Convention:
         """Convert points or poses' positions, (n, 3), to our axes and metres."""
         return np.asarray(places, np.float64) @ (self.matrix.T * self.metres)
 
+    def turns(self, matrices: ArrayLike) -> NDArray[np.float64]:
+        """Convert rotations between frames of the source's axes, (n, 3, 3), to ours."""
+        return np.asarray(self.matrix @ np.asarray(matrices, np.float64) @ self.matrix.T)
+
     def yaws(self, values: ArrayLike) -> NDArray[np.float64]:
         """Convert yaws to ours, radians."""
         return self.turn + self.factor * np.asarray(values, np.float64)

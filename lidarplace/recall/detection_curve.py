@@ -6,6 +6,7 @@ It rises and is concave, so a mean of it over objects is monotone and submodular
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
@@ -41,6 +42,11 @@ class DetectionCurve(BaseModel):
     def probability(self, cells: ArrayLike) -> NDArray[np.float64]:
         """Return the probability of detection by distinct cells hit, any shape."""
         return self.most * -np.expm1(-self.rate * np.asarray(cells, np.float64))
+
+    def cells(self, probability: float) -> float:
+        """Return the number of cells that gives a probability; infinite above all of them."""
+        left = 1.0 - probability / self.most
+        return math.inf if left < 0 else -math.log(max(left, 2.0**-53)) / self.rate
 
 
 class DetectionCurves(BaseModel):

@@ -27,6 +27,7 @@ from lidarplace.requirements.rays_on_objects import (
     count_points,
     sights_of,
 )
+from lidarplace.requirements.refine import verdicts
 from lidarplace.requirements.requirement import (
     AS_BUILT,
     KIND_OF,
@@ -34,7 +35,6 @@ from lidarplace.requirements.requirement import (
     Measure,
     PlacedObject,
     Requirement,
-    may_fail,
 )
 from lidarplace.rigs.further_sensors import Kind, MountedSensor
 from lidarplace.rigs.placement import Placement
@@ -51,6 +51,10 @@ class CaseResult:
     y: float
     heading: float | None  # the worst there, radians; None for coverage
     at_worst: float  # what is there
+    undecided: float = 0.0
+    """Width of the interval of `enough` if `for` is in it; if `for` is 1, the share by which the
+    least value may be lower; 0: the verdict is sure."""
+    refined: bool = False  # whether it takes more than the positions of the layout
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +69,16 @@ class RequirementResult:
 
     @property
     def worst(self) -> CaseResult:
-        """The case with the least value; of equal ones the first."""
-        return min(self.cases, key=lambda case: case.value)
+        """The case with the least value, sure failures before others; of equal ones the first."""
+        return min(self.cases, key=lambda case: (self.may_pass(case), case.value))
+
+    def may_pass(self, case: CaseResult) -> bool:
+        """Return whether a case has enough, or may have."""
+        return case.undecided > 0 or case.value >= self.requirement.least
 
     @property
     def met(self) -> bool:
-        """Whether all cases have enough."""
+        """Whether all cases surely have enough."""
         return self.worst.value >= self.requirement.least
 
 
@@ -81,6 +89,7 @@ class _Case(NamedTuple):
     the numbers of those that work, first "" with all of them."""
 
     layout: RequirementLayout
+    pose: str
     rig: Placement
     vehicle: Vehicle
     further: Sequence[MountedSensor]
@@ -89,6 +98,9 @@ class _Case(NamedTuple):
     names: list[str]
     working: Mapping[str, Sequence[int]]
 
+
+NEAR_SHARE = 0.05
+"""Distance of a coverage from its limit below which phases of the voxels are compared."""
 
 _Measured = tuple[str, CaseResult, NDArray[np.float64]]
 """Name of a case, "" for the rig as it is, its result, and the value of every position."""
@@ -115,12 +127,11 @@ def check_requirements(
         least = np.full(int(layout.positions.held.sum()), np.inf)
         variants = requirement.also_when.variants(placement).items()
         for (pose, body), (variant, rig) in itertools.product(vehicle.poses.items(), variants):
-            around = replace(layout, boxes=layout.boxes_in(pose))
             kinds, names = _counting(requirement, rig, further)
             also = requirement.also_when if variant == AS_BUILT else AlsoWhen()
             working = also.left(names, kinds.count("lidar"))
             sights = partial(sights_once, rig, pose)
-            case = _Case(around, rig, body, further, sights, kinds, names, working)
+            case = _Case(layout, pose, rig, body, further, sights, kinds, names, working)
             if requirement.common_view is not None:
                 measured = _of_pairs(case, requirement.common_view)
             elif layout.roi is None:
@@ -157,27 +168,23 @@ def _counting(
 
 def _of_objects(case: _Case) -> Iterator[_Measured]:
     """Measure all LiDARs together; or several sensors, cameras and radars, each by itself."""
-    layout, requirement, placed = case.layout, case.layout.requirement, _placed(case)
-    free = ~np.isnan(layout.boxes[:, :, 0])
-    if not free.any():
-        return
-    boxes, working = layout.boxes[free], [*case.working.values()]
-    if requirement.sensors is None:
-        columns = [*_of_lidars(case, requirement.measure, boxes, working).T]
-    else:
-        each, sensors, kinds = _of_each(case, boxes), requirement.sensors, requirement.kinds
+    requirement, working = case.layout.requirement, [*case.working.values()]
+    sensors, kinds = requirement.sensors, requirement.kinds
+    if np.isnan(case.layout.boxes_in(case.pose)[:, :, 0]).all():
+        return  # a trailer that turns is there
+
+    def measure(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+        if sensors is None:
+            return _of_lidars(case, requirement.measure, boxes, working)
+        each = _of_each(case, boxes)
         columns = [by_several(each, case.kinds, numbers, sensors, kinds) for numbers in working]
-    for label, column in zip(case.working, columns, strict=True):
-        by_heading = np.full(free.shape, np.inf)
-        by_heading[free] = column
-        values = by_heading.min(axis=0)
-        finite = values[np.isfinite(values)]  # a trailer that turns may stand where others might
-        worst = int(values.argmin())
-        x, y = layout.positions.points[worst].tolist()
-        value = float(np.sort(finite)[may_fail(requirement.share, len(finite))])
-        enough = float((finite >= requirement.least).mean())
-        heading = float(placed.angles[by_heading[:, worst].argmin()])
-        yield label, CaseResult("", value, enough, x, y, heading, float(values[worst])), values
+        return np.stack(columns, axis=1)
+
+    results, values = verdicts(case.layout, case.pose, measure)
+    for label, verdict, column in zip(case.working, results, values.T, strict=True):
+        (x, y, heading, least), undecided = verdict.worst, verdict.undecided
+        result = CaseResult("", verdict.value, verdict.enough, x, y, heading, least, undecided)
+        yield label, replace(result, refined=verdict.refined), column
 
 
 def _placed(case: _Case) -> PlacedObject:
@@ -248,15 +255,38 @@ def _of_pairs(case: _Case, view: CommonView) -> Iterator[_Measured]:
 
 def _of_volume(case: _Case, roi: Roi) -> Iterator[_Measured]:
     layout, sensors = case.layout, case.layout.requirement.sensors or 1
-    sets = [*case.working.values()]
+    sets, least = [*case.working.values()], layout.requirement.least
     every, outside = seen_in_columns(case.rig, case.vehicle, roi, sets, sensors)
     outside = outside[layout.positions.held]
     if not outside.any():
         return  # a trailer that turns is there
-    for label, layer in zip(case.working, every, strict=True):
+    for number, (label, layer) in enumerate(zip(case.working, every, strict=True)):
         seen = layer[layout.positions.held]
         shares = np.divide(seen, outside, out=np.full(len(seen), np.inf), where=outside > 0)
         worst = int(shares.argmin())
         x, y = layout.positions.points[worst].tolist()
-        share = int(seen.sum()) / int(outside.sum())
-        yield label, CaseResult("", share, share, x, y, None, float(shares[worst])), shares
+        share, undecided = int(seen.sum()) / int(outside.sum()), 0.0
+        if abs(share - least) < NEAR_SHARE:
+            low, high = _over_phases(case, roi, share, sets[number])
+            if low < least - 1e-9 <= high:
+                share, undecided = low, high - low
+        at_worst = float(shares[worst])
+        yield label, CaseResult("", share, share, x, y, None, at_worst, undecided), shares
+
+
+def _over_phases(case: _Case, roi: Roi, share: float, lidars: Sequence[int]) -> tuple[float, float]:
+    """Return an interval of the share that LiDARs see, over phases of the voxels.
+
+    Those half an edge away along x, y or both see other shares; the interval is twice as wide."""
+    requirement, half, shares = case.layout.requirement, 0.5 * roi.resolution, [share]
+    for dx, dy in ((0.0, half), (half, 0.0), (half, half)):
+        (x0, x1), (y0, y1) = roi.x, roi.y
+        phase = Roi((x0 - dx, x1 + dx), (y0 - dy, y1 + dy), roi.z, roi.resolution)
+        held = requirement.area.holds(
+            phase.centres(0)[:, None], phase.centres(1)[None], case.layout.vehicle
+        )
+        sensors = requirement.sensors or 1
+        (seen,), outside = seen_in_columns(case.rig, case.vehicle, phase, [lidars], sensors)
+        shares.append(seen[held].sum() / outside[held].sum())
+    spread = 0.5 * (max(shares) - min(shares))
+    return float(min(shares) - spread), float(max(shares) + spread)

@@ -6,13 +6,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle, voxels_in_body
-from lidarplace.requirements.area import Positions, grid_over, in_the_way
+from lidarplace.requirements.area import MOST_POSITIONS, Positions, grid_over, in_the_way
 from lidarplace.requirements.requirement import PlacedObject, Requirement
 
+FINEST_M = 0.05
+"""Distance of positions that are not refined further, metres."""
 MOST_OBJECTS = 4_000_000  # at all positions, in all headings
 MOST_VOXELS = 20_000_000  # of the volume of a coverage
 
@@ -23,6 +26,7 @@ class RequirementLayout:
 
     Attributes:
         requirement: what is required.
+        vehicle: the vehicle.
         positions: of the objects, or columns of voxels; none of a common view.
         boxes: the objects by heading, rows of `lidarplace.logs.boxes.GEOMETRY`; shape
             (headings, P, 7), NaN where one would be within the body.
@@ -30,14 +34,80 @@ class RequirementLayout:
         bent: `boxes` by pose of a vehicle that bends."""
 
     requirement: Requirement
+    vehicle: Vehicle
     positions: Positions
     boxes: NDArray[np.float64]
     roi: Roi | None
     bent: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    _fits: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+    _areas: dict[str, NDArray[np.float64]] = field(default_factory=dict)
 
     def boxes_in(self, pose: str) -> NDArray[np.float64]:
         """Return the objects around one of the vehicle's poses, as `boxes`."""
         return self.bent.get(pose, self.boxes)
+
+    def boxes_at(self, points: NDArray[np.float64], pose: str) -> NDArray[np.float64]:
+        """Return the object at any points, as `boxes`; NaN out of the area, too."""
+        placed, poses = self.requirement.placed, self.vehicle.poses
+        assert placed is not None
+        boxes = np.stack([placed.boxes(points, angle) for angle in placed.angles.tolist()])
+        boxes[:, ~self.requirement.area.holds(points[:, 0], points[:, 1], self.vehicle)] = np.nan
+        for name in {"", pose}:
+            boxes = _outside(poses[name], boxes, placed, points)
+        return boxes
+
+    @property
+    def levels(self) -> int:
+        """Number of halvings after which positions are `FINEST_M` apart, or too many."""
+        level, size = 0, self.positions.held.size
+        while self.requirement.step > FINEST_M * 2**level and size * 4**level < MOST_POSITIONS / 4:
+            level += 1
+        return level
+
+    def lines(self, level: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return x and y of the grid's lines, halved `level` times, metres."""
+        x, y = (
+            np.linspace(line[0], line[-1], (len(line) - 1) * 2**level + 1)
+            for line in (self.positions.x, self.positions.y)
+        )
+        return x, y
+
+    def areas_in(self, pose: str) -> NDArray[np.float64]:
+        """Return the areas of the positions around one of the vehicle's poses, shape (P,)."""
+        if pose not in self._areas:
+            tested = self.positions.held.copy()
+            tested[tested] = (~np.isnan(self.boxes_in(pose)[:, :, 0])).any(axis=0)
+            self._areas[pose] = self.areas(tested, pose)[self.positions.held]
+        return self._areas[pose]
+
+    def areas(self, tested: NDArray[np.bool_], pose: str) -> NDArray[np.float64]:
+        """Return how much of the area is nearest to each of the `tested` places of a halved grid.
+
+        In cells of the grid of `positions`, shape (nx, ny)."""
+        if pose not in self._fits:
+            x, y = self.lines(self.levels)
+            points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+            portions = (points[at : at + 2**16] for at in range(0, len(points), 2**16))
+            boxes = (self.boxes_at(portion, pose)[:, :, 0] for portion in portions)
+            fits = np.concatenate([~np.isnan(portion).all(axis=0) for portion in boxes])
+            self._fits[pose] = fits.reshape(len(x), len(y))
+        fits = self._fits[pose]
+        stride = max(1, (max(fits.shape) - 1) // max(max(tested.shape) - 1, 1))
+        away = np.ones(fits.shape, np.bool_)
+        away[::stride, ::stride] = ~tested
+        nearest = distance_transform_edt(away, return_distances=False, return_indices=True)
+        numbers = np.ravel_multi_index(tuple(nearest // stride), tested.shape)[fits]
+        axes = sum(len(line) > 1 for line in (self.positions.x, self.positions.y))
+        counts = np.bincount(numbers, minlength=tested.size) / 2.0 ** (axes * self.levels)
+        return np.asarray(counts.reshape(tested.shape))
+
+    def precision(self, pose: str) -> float:
+        """Return how far off the share of the area with enough may be at the positions.
+
+        Three standard deviations if its limits are twice as long as the sides of the grid, and
+        anywhere in the cells of the positions next to them."""
+        fits = (~np.isnan(self.boxes_in(pose)[:, :, 0])).any(axis=0)
+        return 3.0 * math.sqrt(sum(self.positions.held.shape) / 6.0) / float(fits.sum())
 
 
 def lay_out(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
@@ -47,7 +117,7 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
     placed = requirement.placed
     if requirement.common_view is not None:
         nowhere = Positions(np.empty(0), np.empty(0), np.empty((0, 0), np.bool_))
-        return RequirementLayout(requirement, nowhere, np.empty((0, 0, 7)), None)
+        return RequirementLayout(requirement, vehicle, nowhere, np.empty((0, 0, 7)), None)
     if placed is None:
         return _columns(requirement, vehicle)
     positions = grid_over(requirement.area, vehicle, requirement.step)
@@ -66,7 +136,7 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
     boxes = boxes[:, free]
     poses = {label: pose for label, pose in vehicle.poses.items() if label}
     bent = {label: _outside(pose, boxes, placed, points[free]) for label, pose in poses.items()}
-    return RequirementLayout(requirement, replace(positions, held=held), boxes, None, bent)
+    return RequirementLayout(requirement, vehicle, replace(positions, held=held), boxes, None, bent)
 
 
 def _outside(
@@ -97,4 +167,4 @@ def _columns(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
         raise InputError("is empty: no place is within all of its limits", key="where")
     if voxels_in_body(vehicle, roi)[held].all():
         raise InputError("is inside the vehicle", key="where")
-    return RequirementLayout(requirement, Positions(x, y, held), np.empty((0, 0, 7)), roi)
+    return RequirementLayout(requirement, vehicle, Positions(x, y, held), np.empty((0, 0, 7)), roi)

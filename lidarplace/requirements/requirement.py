@@ -145,7 +145,7 @@ class Requirement:
     too."""
     least: float  # so much of it is needed
     placed: PlacedObject | None = None  # None for coverage and common view
-    share: float = 1.0  # of the positions that need to have it; 1: the worst one, too
+    share: float = 1.0  # of the area that needs to have it; 1: the worst place, too
     step: float = 0.25  # between positions, or edge of a voxel; metres
     heights: Interval = (0.0, 2.0)  # of the volume of coverage, metres
     curve: DetectionCurve | None = None  # for a probability
@@ -162,7 +162,8 @@ class Requirement:
         """The measure, and by how many sensors it is needed, for tables."""
         return measured(self.measure, self.sensors, self.kinds)
 
-
-def may_fail(share: float, positions: int) -> int:
-    """Return how many positions may have too little where a share must have enough."""
-    return min(math.floor((1 - share) * positions + 1e-9), positions - 1)
+    def multiple(self, value: float, factor: float) -> float:
+        """Return a multiple of a value; of a probability that of a multiple of its cells."""
+        if self.curve is None:
+            return value * factor
+        return float(self.curve.probability(self.curve.cells(value) * factor))

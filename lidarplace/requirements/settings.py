@@ -284,13 +284,16 @@ class RequirementSettings(Settings):
         description="how much of it must be seen; needed without common_view",
     )
     share: Probability = Field(
-        1.0, alias="for", gt=0, description="share of the positions; 1: the worst one, too"
+        1.0, alias="for", gt=0, description="share of the area; 1: the worst place, too"
     )
     also_when: AlsoWhenSettings = Field(
         AlsoWhenSettings(), description="further cases in which it must hold"
     )
     step: Distance = Field(
-        0.25, gt=0, description="metres between positions, or edge of a voxel of coverage"
+        0.25,
+        gt=0,
+        description="metres between positions, refined to 0.05 where a verdict is near its limit, "
+        "or edge of a voxel of coverage",
     )
 
     @field_validator("where", "at_least")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -61,7 +61,8 @@ def extents(layouts: Iterable[RequirementLayout]) -> list[dict[str, str | int]]:
 def case_row(result: RequirementResult, case: CaseResult) -> dict[str, object]:
     """Return the result of a requirement in one case as a row.
 
-    Place and heading are None where there is none, `short_by` is 0 where it is met."""
+    Place and heading are None where there is none, `short_by` is 0 where it is met, `undecided`
+    where the verdict is sure."""
     requirement = result.requirement
     return {
         "case": case.case,
@@ -69,11 +70,20 @@ def case_row(result: RequirementResult, case: CaseResult) -> dict[str, object]:
         "value": case.value,
         "short_by": max(0.0, requirement.least - case.value),
         "enough": case.enough,
+        "undecided": case.undecided,
         "x": None if math.isnan(case.x) else case.x,
         "y": None if math.isnan(case.y) else case.y,
         "heading_deg": None if case.heading is None else math.degrees(case.heading),
         "at_worst": case.at_worst,
     }
+
+
+def verdict(row: Mapping[Any, Any]) -> str:
+    """Return the verdict of a row of `case_table`."""
+    if not row["undecided"]:
+        return "pass" if row["met"] else "FAIL"
+    unit = "%" if row["for"] == 1.0 else "points"
+    return f"within {100 * row['undecided']:.2g} {unit}: finer positions decide"
 
 
 def case_table(results: Sequence[RequirementResult]) -> pd.DataFrame:
@@ -100,7 +110,11 @@ def by_rig(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 def worst_cases(cases: pd.DataFrame, rig: Sequence[str]) -> pd.DataFrame:
     """Return the case with the least value of each requirement and rig, ties to the first.
 
+    A case that surely fails comes before the others.
     `cases` are rows of `case_table`, rigs are identified by the columns `rig`."""
     keys = [*rig, "requirement"]
-    least = cases.groupby(keys, sort=False, dropna=False, observed=True)["value"].idxmin()
-    return cases.loc[least].reset_index(drop=True)
+    fails = ~cases["met"] & (cases["undecided"] == 0)
+    order = cases.assign(_open=~fails).sort_values(["_open", "value"], kind="stable").index
+    groups = cases.groupby(keys, sort=False, dropna=False, observed=True).ngroup()
+    first = groups[order].drop_duplicates().sort_values().index
+    return cases.loc[first].reset_index(drop=True)

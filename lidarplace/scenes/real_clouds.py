@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.number_text import percent
-from lidarplace.clouds.cloud_files import CLOUD_SUFFIXES, read_cloud
+from lidarplace.clouds.cloud_files import CLOUD_SUFFIXES, CloudFile, read_cloud
 from lidarplace.clouds.clouds import Crop, PointClouds, write_clouds
 from lidarplace.clouds.points_in_boxes import count_points
 from lidarplace.files.atomic import temporary
@@ -35,6 +35,8 @@ LOOKED_AT = 100  # at most about so many frames are looked at for it
 LEAST_POINTS = 10
 LEAST_BOXES = 5
 MOST_OUTSIDE = 0.35
+Files = tuple[tuple[Path, CloudFile | None], ...]
+"""Files of a frame's points; None: in the frame of the rig's only LiDAR, or from an origin on."""
 Sweep = tuple[NDArray[np.float32], NDArray[np.int64]]
 """Points of a frame: x, y, z in the ego frame, metres, and intensity in [0, 1], shape (n, 4), by
 LiDAR, in the order of the file; and how many each LiDAR of the rig has, or all where none is known.
@@ -54,13 +56,15 @@ def count_real_points(
         log: the log; its rigs split the counts.
         folder: holds the file of each frame by the path in column `CLOUD` of the frames, or by the
             last part of it; without that column `SCENE/FRAME.*` or `FRAME.*` by the frame's number.
+            The column may hold a tuple of `CloudFile` instead.
         origin: where the frame of the points starts in our ego frame, metres, its axes being ours;
-            None: it is the frame of the rig's only LiDAR.
+            None: it is the frame of the rig's only LiDAR. `CloudFile` has a frame of its own.
         keep: gets the clouds, cut to `KEPT`, a folder for `PART` frames of a scene."""
     paths = _paths(log.frames, folder)
     if not paths:
         named = f"files named by frame numbers, such as SCENE/{log.frames['frame'].iloc[0]}.pcd"
-        expected = log.frames[CLOUD].iloc[0] if CLOUD in log.frames else named
+        first_cloud = log.frames[CLOUD].iloc[0] if CLOUD in log.frames else named
+        expected = first_cloud if isinstance(first_cloud, str) else first_cloud[0].path
         raise InputError("no cloud of any frame", place=folder, expected=expected)
     boxes = log.boxes.reset_index(drop=True)
     counter = _PointCounter(boxes, paths, origin)
@@ -88,7 +92,7 @@ class _PointCounter:
     """Counts of points in the boxes of a log, sweep by sweep."""
 
     def __init__(
-        self, boxes: pd.DataFrame, paths: Mapping[int, Path], origin: Sequence[float] | None
+        self, boxes: pd.DataFrame, paths: Mapping[int, Files], origin: Sequence[float] | None
     ) -> None:
         self._paths, self._origin = paths, origin
         self._rows_of = boxes.groupby("frame").indices
@@ -105,7 +109,7 @@ class _PointCounter:
             lidars = lidars or len(split)
             if lidars != len(split):
                 problem = "column lidar is in some clouds of the scene and not in others"
-                raise InputError(problem, place=self._paths[frame])
+                raise InputError(problem, place=self._paths[frame][0][0])
             rows = self._rows_of.get(frame, np.empty(0, np.int64))
             boxes = self.geometry[rows]
             points = np.split(sweep, np.cumsum(split)[:-1])
@@ -136,12 +140,11 @@ def _new_folder(folder: Path) -> Iterator[Path]:
                 parent.rmdir()
 
 
-def _paths(frames: pd.DataFrame, folder: Path) -> dict[int, Path]:
-    numbers, paths = frames["frame"].tolist(), []
+def _paths(frames: pd.DataFrame, folder: Path) -> dict[int, Files]:
+    """Return the files of each frame that has some."""
+    numbers, clouds = frames["frame"].tolist(), []
     if CLOUD in frames:
-        for name in frames[CLOUD]:
-            names = (name, Path("training") / name, Path(name).name)
-            paths.append(next((folder / n for n in names if is_there(folder / n)), None))
+        clouds = [_files(cloud, folder) for cloud in frames[CLOUD]]
     else:
         files: dict[tuple[str, int], Path] = {}  # "" is the scene of those in the folder itself
         for path in sorted([*folder.glob("[!.]*"), *folder.glob("[!.]*/[!.]*")]):
@@ -150,23 +153,55 @@ def _paths(frames: pd.DataFrame, folder: Path) -> dict[int, Path]:
                 files["" if path.parent == folder else path.parent.name, int(stem)] = path
         keys = zip(frames["scene"].map(str), numbers, strict=True)
         paths = [files.get(key) or files.get(("", key[1])) for key in keys]
-    return {n: path for n, path in zip(numbers, paths, strict=True) if path is not None}
+        clouds = [((path, None),) if path else () for path in paths]
+    return {n: cloud for n, cloud in zip(numbers, clouds, strict=True) if cloud}
 
 
-def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | None) -> Sweep:
-    """Read the points of a file, in the ego frame and by LiDAR.
+def _files(cloud: str | Sequence[CloudFile], folder: Path) -> Files:
+    """Return the files of a frame, empty if none is there; raise InputError if only some are."""
+    files = [cloud] if isinstance(cloud, str) else [file.path for file in cloud]
+    paths = []
+    for name in files:
+        names = (name, Path("training") / name, Path(name).name)
+        paths.append(next((folder / n for n in names if is_there(folder / n)), None))
+    if None in paths:
+        if any(paths):
+            problem = "missing, but other files of the frame are there"
+            raise InputError(problem, place=folder / files[paths.index(None)])
+        return ()
+    frames = [None] if isinstance(cloud, str) else cloud
+    return tuple(zip(map(Path, filter(None, paths)), frames, strict=True))
+
+
+def read_sweep(files: Files, rig: RecordedRig | None, origin: Sequence[float] | None) -> Sweep:
+    """Read the points of a frame's files, in the ego frame and by LiDAR.
 
     `origin` is that of `count_real_points`. Points without a place are left out. Raises ValueError
     as `read_cloud`, and if LiDARs or rings are none of the rig's, or nothing places the sensor."""
+    sweeps = [_read_file(*file, rig, origin) for file in files]
+    number = max(split for _, _, split in sweeps)
+    points, lidar = (np.concatenate(parts) for parts in list(zip(*sweeps, strict=True))[:2])
+    order = np.argsort(lidar, kind="stable")
+    return points[order], np.bincount(lidar, minlength=number)
+
+
+def _read_file(
+    path: Path, file: CloudFile | None, rig: RecordedRig | None, origin: Sequence[float] | None
+) -> tuple[NDArray[np.float32], NDArray[np.int64], int]:
+    """Return points, (n, 4), the LiDAR of each, (n,), and the number of LiDARs told apart."""
     cloud = read_cloud(path)
     cloud = cloud[np.isfinite(cloud[list("xyz")].to_numpy()).all(axis=1)]
+    if file is not None and file.lidar:
+        cloud = cloud.assign(lidar=file.lidar)
     lidar, number = np.zeros(len(cloud), np.int64), 1
     if rig is not None and (len(rig.names) == 1 or "lidar" in cloud):
         lidar, number = _lidars(cloud, rig, path), len(rig.names)
         _check_rings(cloud, lidar, rig, path)
     points = np.zeros((len(cloud), 4), np.float32)
     place = cloud[list("xyz")].to_numpy(np.float64)
-    if origin is not None:
+    if file is not None:
+        place = place @ file.to_ego[:, :3].T + file.to_ego[:, 3]
+    elif origin is not None:
         place += np.asarray(origin)
     elif rig is not None and len(rig.names) == 1:
         (mount,) = rig.placement.mounts
@@ -176,8 +211,7 @@ def read_sweep(path: Path, rig: RecordedRig | None, origin: Sequence[float] | No
     points[:, :3] = place
     if "intensity" in cloud:
         points[:, 3] = np.nan_to_num(cloud["intensity"].to_numpy(np.float32))
-    order = np.argsort(lidar, kind="stable")
-    return points[order], np.bincount(lidar, minlength=number)
+    return points, lidar, number
 
 
 def _lidars(cloud: pd.DataFrame, rig: RecordedRig, path: Path) -> NDArray[np.int64]:

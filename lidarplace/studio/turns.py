@@ -36,6 +36,6 @@ def beyond(
     angles: Sequence[float] | NDArray[np.float64], turns: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return how far angles, degrees, are from `allowed_turns`, with a sign, shape (3,)."""
-    middle, half = turns.T
-    off = (np.asarray(angles) - middle + 180) % 360 - 180
+    centre, half = turns.T
+    off = (np.asarray(angles) - centre + 180) % 360 - 180
     return np.asarray(off - np.clip(off, -half, half))

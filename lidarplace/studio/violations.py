@@ -21,6 +21,7 @@ from lidarplace.mounting.zone import distance
 from lidarplace.requirements.check_requirements import RequirementResult, check_requirements
 from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.requirements.requirement import AS_BUILT
+from lidarplace.requirements.tables import case_row, verdict
 from lidarplace.rigs.catalogue.datasheet import datasheet
 from lidarplace.studio.rig import ANGLES, Rig
 from lidarplace.studio.rigs_file import RigsFile
@@ -129,9 +130,9 @@ def _turned_too_far(rig: Rig, file: RigsFile) -> Iterator[ReportedViolation]:
         pose = rig.pose(number)
         turns = allowed_turns(file, lidar.zone, lidar.model, pose["y"])
         far = beyond([pose[angle] for angle in ANGLES], turns)
-        for angle, excess, (middle, half) in zip(ANGLES, far.tolist(), turns.tolist(), strict=True):
+        for angle, excess, (centre, half) in zip(ANGLES, far.tolist(), turns.tolist(), strict=True):
             if abs(excess) > ROUNDING_DEG:
-                span = f"{middle:g}°" if half == 0 else f"{middle - half:g}° to {middle + half:g}°"
+                span = f"{centre:g}°" if half == 0 else f"{centre - half:g}° to {centre + half:g}°"
                 text = f"LiDAR {number + 1}: {angle} {pose[angle]:.4g}°, in {lidar.zone} {span}"
                 yield ReportedViolation("turn", (number,), pose[angle], abs(excess), text)
 
@@ -207,6 +208,8 @@ def unmet(results: Sequence[RequirementResult]) -> Iterator[ReportedViolation]:
             f"{requirement.name}: {worst.value:.3g} {requirement.measured}, {missing:.3g} short of "
             f"{requirement.least:g}{case}{place}"
         )
+        if worst.undecided:
+            text += f" ({verdict({'for': requirement.share, **case_row(result, worst)})})"
         if not result.met:
             yield ReportedViolation("requirement", (), worst.value, missing, text)
 

@@ -24,6 +24,6 @@ def equal_axes(points: NDArray[np.floating[Any]], longest: float) -> dict[str, A
     layout: dict[str, Any] = {"aspectmode": "manual"}
     layout["aspectratio"] = dict(zip("xyz", ratio.tolist(), strict=True))
     for i, (name, ticks) in enumerate((("x", 6), ("y", 6), ("z", 4))):
-        title = {"text": f"{name} (m)"}
+        title = {"text": ""}  # would be cut on a narrow page
         layout[f"{name}axis"] = {"range": [low[i], high[i]], "title": title, "nticks": ticks}
     return layout

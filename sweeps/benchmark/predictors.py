@@ -36,7 +36,7 @@ FUNCTIONS: Registry[Function] = Registry(
 
 _SAME = ("ig", "residual_entropy")  # as S-MIG, the order of the rigs
 BUILT_IN = tuple(
-    name for name, own in SURROGATES.own.items() if not own.fixed and name not in _SAME
+    name for name, surrogate in SURROGATES.own.items() if not surrogate.fixed and name not in _SAME
 )
 """Surrogates of the tables."""
 

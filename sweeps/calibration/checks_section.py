@@ -27,7 +27,7 @@ def checks_section(checks: Sequence[Check]) -> Section:
         [{**vars(check), "unit": u, **vars(errors)} for check, u, errors in parts]
     )
     counts = [numbers(name, name, ",") for name in ("rigs", "objects", "individuals")]
-    shape = [numbers("most", "most", "g"), numbers("rate per cell", "rate", "g")]
+    shape = [numbers("most", "most", ".3g"), numbers("rate per cell", "rate", ".3g")]
     tables = [Table.of("Fit", rows, [*_NAME, *counts, *shape])]
     if len(left_out):
         columns = [

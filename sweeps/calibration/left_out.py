@@ -71,9 +71,9 @@ def check(seen: pd.DataFrame) -> Check:
     one = seen[seen["rig"] == seen["rig"].iloc[0]]
     individuals = len(one[["scene", "object_id"]].drop_duplicates())
     if individuals < LEAST_INDIVIDUALS:
-        problem = f"too few individuals of class {name} for a curve"
-        fix = f"at least {LEAST_INDIVIDUALS} are needed; --class names the other classes"
-        raise InputError(problem, found=individuals, fix=fix)
+        few, most = "too few individuals for a curve", f"at least {LEAST_INDIVIDUALS}"
+        fix = "name the other classes with --class"
+        raise InputError(few, place=f"class {name}", expected=most, found=individuals, fix=fix)
     whole = fit(name, iou, seen["cells"], seen["found"])
     left_out, expected = {}, seen["found"] * np.nan
     for unit, keys in UNITS.items():

@@ -114,12 +114,12 @@ def with_detector(trials: Iterable[Trial]) -> list[DetectorTrial]:
 class Plan:
     """The tasks of a sweep, each once and after its inputs, and its trials.
 
-    `laid`: the requirements around the vehicle, by the curves of the first trial. `cautions`: what
-    the user is to know of the classes of the logs and of the settings, a sentence each."""
+    `layouts`: the requirements around the vehicle, by the curves of the first trial. `cautions`:
+    what the user is to know of the classes of the logs and of the settings, a sentence each."""
 
     tasks: tuple[Task, ...]
     trials: tuple[Trial, ...]
-    laid: tuple[RequirementLayout, ...] = ()
+    layouts: tuple[RequirementLayout, ...] = ()
     cautions: tuple[str, ...] = ()
 
     @property

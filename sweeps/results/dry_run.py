@@ -68,7 +68,7 @@ def describe_dry_run(sweep: Sweep, plan: Plan, store: Store) -> DryRun:
             {"key": t.key, "label": t.label, "cached": {t.key for t in t.results} <= cached}
             for t in plan.trials
         ],
-        requirements=extents(plan.laid),
+        requirements=extents(plan.layouts),
         anchors=as_plain(plan.typical),
         memory=max(task.stage.need().memory for task in tasks),
         cautions=[*plan.cautions, *rig_cautions(plan)],

@@ -65,7 +65,7 @@ def uncovered(grids: Collection[OccupancyGrid], covered: NDArray[np.bool_]) -> N
 
 def grounds(plan: Plan, trials: Sequence[Trial], store: Store) -> Grounds:
     """Load the ground around the vehicle under each requirement and the trials' placements."""
-    names = [result.requirement.name for result in plan.laid]
+    names = [result.requirement.name for result in plan.layouts]
     by_rig = {}
     for trial in trials:
         if trial.requirements is not None and store.has(trial.requirements):

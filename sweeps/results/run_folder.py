@@ -119,7 +119,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
             frames.update(store.read(scene, lambda log: log.frames)["split"])
         drawn_trials = drawn(started, tested, surrogates)
         maps(drawn_trials, store).write(folder)
-        if plan.laid:
+        if plan.layouts:
             grounds(plan, drawn_trials, store).write(folder)
         if tested:
             one_frame(with_detector(drawn_trials), store).write(folder)

@@ -22,6 +22,7 @@ BY_SUFFIX: dict[str, Sequence[Mutation]] = {
     ".parquet": mutate_tables.ANY,
     ".csv": mutate_tables.ANY,
     ".feather": mutate_tables.ANY,
+    ".gz": mutate_tables.ANY,
     ".txt": mutate_files.TEXT,
     ".json": (json_value, json_value, json_syntax),
     ".yaml": (yaml_value, yaml_value, yaml_syntax),

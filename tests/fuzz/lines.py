@@ -16,7 +16,7 @@ from typer.main import get_command
 from tests.fuzz.cases import Result, copied
 from tests.fuzz.judge import Outcome, judge_verb
 from tests.fuzz.nasty import NUMBERS, TEXTS
-from tests.fuzz.targets import MAPPED, Target, app_of, parts_of
+from tests.fuzz.targets import MAPPED, PANDA_RIG, TRUCK_MODELS, Target, app_of, parts_of
 
 ACCEPTED = SystemExit(0)
 """A command line was taken; what would follow takes long, or starts servers."""
@@ -67,6 +67,10 @@ LINES = {
     "convert argoverse": right("convert argoverse av2 out"),
     "convert waymo": right("convert waymo waymo out"),
     "convert openlabel": right("convert openlabel openlabel out --origin 0 0 0"),
+    "convert truckscenes": right(f"convert truckscenes truckscenes out {TRUCK_MODELS}"),
+    "convert pandaset": right(f"convert pandaset pandaset out {PANDA_RIG}"),
+    "convert opv2v": right("convert opv2v opv2v out"),
+    "convert openpcdet": right("convert openpcdet openpcdet out"),
     "carla": right(
         "carla carla.yaml out --host 127.0.0.1 --port 1 --timeout 0.1",
         stops_at="lidarplace.plugins.carla.command.collect",
@@ -99,7 +103,7 @@ WORDS = (*TEXTS[:14], "\x1b[31m", "no=where", "=", "a.b.c=1", "s3://x/y", "1,2",
 def options_of(app: Any, verb: str | None) -> list[Any]:
     """Parameters of a command that take a value."""
     command = get_command(app)
-    command = command.commands[verb] if verb else command
+    command = command.get_command(None, verb) if verb else command
     return [p for p in command.params if not getattr(p, "is_flag", False) and p.name != "help"]
 
 

@@ -1,4 +1,4 @@
-"""Wrong tables: cells, columns, types and rows of Parquet, CSV and Feather."""
+"""Wrong tables: cells, columns, types and rows of Parquet, CSV, Feather and pickles."""
 
 from pathlib import Path
 from random import Random
@@ -13,12 +13,16 @@ from tests.fuzz.nasty import TEXTS, number
 def _read(path: Path) -> pd.DataFrame:
     if path.suffix == ".csv":
         return pd.read_csv(path)
+    if path.suffix == ".gz":
+        return pd.read_pickle(path)
     return pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_feather(path)
 
 
 def _write(path: Path, table: pd.DataFrame) -> None:
     if path.suffix == ".csv":
         table.to_csv(path, index=False)
+    elif path.suffix == ".gz":
+        table.to_pickle(path)
     elif path.suffix == ".parquet":
         table.to_parquet(path, index=False)
     else:

@@ -176,6 +176,9 @@ KITTI = "kitti/training/label_2/*.txt kitti/training/calib/*.txt kitti/ImageSets
 RUN, FOUND = "run/*.parquet run/*.npz", "found/*.parquet found/*.npz"
 MAPPED = "out --mapping labels/map.yaml"
 AV2, CLOUDS = "av2/val/log-1", "argoverse av2 out --clouds av2"
+TRUCK, PANDA, OPV2V = "truckscenes", "pandaset/001", "opv2v/train/2021_train"
+TRUCK_MODELS = "--lidar LIDAR_LEFT=pandar64,LIDAR_TOP_FRONT=os1_128"
+PANDA_RIG = "--lidar front_gt=m1 --origin -0.7 0 2"
 SOUND, WHOLE = partial(_nonsense, "log"), partial(_nonsense, "out")
 """A LiDAR of few rays, and large voxels."""
 
@@ -212,6 +215,23 @@ DATA: tuple[Target, ...] = (
             ("argoverse --clouds", f"{AV2}/sensors/lidar/*.feather", CLOUDS),
             ("waymo", "waymo/training/*/s.parquet", "waymo waymo out"),
             ("openlabel", "openlabel/drive.json", "openlabel openlabel out --origin 0 0 0"),
+            (
+                *("truckscenes", f"{TRUCK}/v1.0-mini/*.json {TRUCK}/samples/*/*.pcd"),
+                f"truckscenes {TRUCK} out --clouds {TRUCK} {TRUCK_MODELS}",
+            ),
+            (
+                *("pandaset", f"{PANDA}/annotations/cuboids/*.gz {PANDA}/lidar/*.*"),
+                f"pandaset pandaset out --clouds pandaset {PANDA_RIG}",
+            ),
+            (
+                *("opv2v", f"{OPV2V}/*.yaml {OPV2V}/*/*.yaml {OPV2V}/*/*.pcd"),
+                "opv2v opv2v out --clouds opv2v",
+            ),
+            (
+                "openpcdet",
+                "openpcdet/labels/*.txt openpcdet/ImageSets/*.txt openpcdet/points/*.npy",
+                "openpcdet openpcdet out --clouds openpcdet",
+            ),
         )
     ),
     Target(

@@ -9,7 +9,7 @@ import pandas as pd
 import yaml
 
 from sweeps.store.entries import SWEEPS
-from tests.lidarplace import argoverse_layout, nuscenes_layout, waymo_layout
+from tests.lidarplace import argoverse_layout, nuscenes_layout, small_data_sets, waymo_layout
 from tests.lidarplace.company_table import Manner, mapping_of, traffic, write_in_manner
 from tests.sweeps.small_log import write_small_log
 from tests.tracking.made_up_run import write_run
@@ -144,6 +144,10 @@ def write_world(folder: Path) -> None:
     shutil.copytree(MAPS.parent / "makers", folder / "makers")
     _kitti(folder / "kitti")
     write_data_sets(folder, "nuscenes", "av2", both=False)
+    small_data_sets.write_truckscenes(folder / "truckscenes/v1.0-mini", scenes=("scene-a-1",))
+    small_data_sets.write_pandaset(folder / "pandaset", sequences=("001",))
+    small_data_sets.write_opv2v(folder / "opv2v", splits=("train",))
+    small_data_sets.write_openpcdet(folder / "openpcdet")
     _clouds(folder)
     _detections(folder / "detected")
     _recorded(folder / "recorded")

@@ -153,7 +153,8 @@ def mapping_of(log: BoxLog, manner: Manner) -> dict[str, object]:
     }
     if manner != replace(manner, axes=Manner.axes, zero="x", sense=None):
         mapping["axes"] = dict(zip("xyz", manner.axes, strict=True))
-        mapping["yaw"] = {"zero": manner.zero} | ({"sense": manner.sense} if manner.sense else {})
+        angles = manner.sense and manner.heading == "yaw"
+        mapping["yaw"] = {"zero": manner.zero} | ({"sense": manner.sense} if angles else {})
     if manner.half:
         mapping["size"] = "half"
     if manner.origin_yaw:

@@ -53,6 +53,8 @@ def write(folder, suffix, cloud=CLOUD):
         cloud.to_feather(path)
     elif suffix == ".parquet":
         cloud.to_parquet(path)
+    elif suffix == ".pkl.gz":
+        cloud.to_pickle(path)
     else:
         path.write_bytes(pcd(cloud, "binary"))
     return path

@@ -167,6 +167,11 @@ def test_other_conventions_are_refused_with_the_keys_that_mend_them(tmp_path):
         ("axes", {"x": "left"}, "axes: expected one axis along the vehicle"),
         ("yaw", {"sense": None}, "--preview PAGE draws both"),
         ("anchor", "corner", "anchor: expected centre, or words"),
+        (
+            "columns",
+            {**guess["columns"], "yaw": None, "direction": {"x": "cx", "y": "cy"}},
+            "yaw.sense: the headings are no angles; found ",
+        ),
         ("convention", "carla", "convention: already decides the axes"),
     ):
         (tmp_path / "map.yaml").write_text(json.dumps(guess | {key: wrong}))

@@ -3,6 +3,7 @@
 import json
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from lidarplace.logs.box_log import read_box_log, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, POSE_COLUMNS, check_boxes
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.datasets.class_maps import IGNORE, NUSCENES, named_class_map
-from lidarplace.scenes.datasets.nuscenes import ORIGIN, read_nuscenes
+from lidarplace.scenes.datasets.nuscenes import ORIGIN, ZOE, read_nuscenes
 from tests.lidarplace import nuscenes_layout
 from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
 
@@ -183,7 +184,8 @@ def test_tables_of_another_vehicle_with_two_lidars(tmp_path, monkeypatch):
         row["translation"][2] -= 1.0 * (row["sensor_token"] == left)
     table.write_text(json.dumps(rows))
     rig = ("LIDAR_TOP", "LIDAR_FRONT_LEFT")
-    log = read_nuscenes(folder, lidar=Lidar.named("vlp16"), origin=(0.5, 0.0, -0.3))
+    lidar, vehicle = Lidar.named("vlp16"), replace(ZOE, origin=(0.5, 0.0, -0.3))
+    log = read_nuscenes(folder, lidar=lidar, vehicle=vehicle)
     assert [each.names for each in log.rigs.values()] == [rig, rig]
     for mount, z in zip(log.rigs["scene-0001"].placement.mounts, (2.14023, 1.14023), strict=True):
         np.testing.assert_allclose(mount.position, [0.443713, 0, z], atol=1e-12)
@@ -191,7 +193,7 @@ def test_tables_of_another_vehicle_with_two_lidars(tmp_path, monkeypatch):
     alone = read_nuscenes(folder, channels=["LIDAR_TOP"])
     assert alone.rigs["scene-0000"].names == rig[:1]
     for message, keys in (
-        ("unknown model of LIDAR_TOP, LIDAR_FRONT_LEFT; name it by --lidar", {}),
+        ("unknown model of LIDAR_FRONT_LEFT; name it: --lidar LIDAR_FRONT_LEFT=MODEL", {}),
         ("--channel: no LiDAR 'CAM_FRONT'; expected one of LIDAR_FR", {"channels": ["CAM_FRONT"]}),
     ):
         with pytest.raises(InputError, match=message):

@@ -160,7 +160,7 @@ def test_detections_from_elsewhere_have_curves_too(tmp_path):
     detections = pd.read_parquet(tmp_path / "low.parquet")
     detections[detections["frame"] < 6].to_parquet(tmp_path / "low.parquet")
     output = run("--log", tmp_path / "few", *options[:4], code=2)
-    assert "too few individuals of class Car for a curve; found 20; at least 30" in output
+    assert "class Car: too few individuals for a curve; expected at least 30, found 20" in output
     bare = run("--log", tmp_path / "log", *options[:2], code=2)
     assert "--geometry: missing for rig low" in bare
     run(code=2)

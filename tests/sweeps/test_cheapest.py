@@ -144,6 +144,7 @@ BY_POWER = ["search.cheapest.by=power"]
 @pytest.mark.parametrize("by_cuts", [False, True])
 @pytest.mark.parametrize(("seed", "by"), [*enumerate(BY * 2), (51, "price"), (51, "height")])
 def test_it_is_the_cheapest_of_all_rigs(tmp_path, monkeypatch, seed, by, by_cuts):
+    monkeypatch.setattr("lidarplace.requirements.layout.FINEST_M", 0.3)  # all rigs are refined
     if by_cuts:  # neither a rig to begin with nor one with more to spare: rows and cuts alone
         monkeypatch.setattr(_Work, "greedy", lambda self, by_cost: False)
         monkeypatch.setattr(_Work, "try_others", lambda self, cost: None)

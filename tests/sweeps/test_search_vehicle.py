@@ -78,7 +78,7 @@ def test_a_search_goes_on_from_its_run_folder(tmp_path, monkeypatch, mesh):
 def _compare_with_its_verification(folder, problem):
     """The sweep of a search asks the same requirements of the same rig, on the same vehicle."""
     sweep, plan = read_verification(problem)
-    (results,) = plan.laid
+    (results,) = plan.layouts
     assert results.requirement == problem.criteria.carrier.requirements[0].requirement
     np.testing.assert_array_equal(results.boxes, problem.criteria.carrier.requirements[0].boxes)
     for trial in plan.trials:

@@ -82,7 +82,7 @@ def test_the_report_folds_them_and_draws_what_fails():
     }
     for name in ("line", "center"):
         for own in NEEDS:
-            drawn = f"{name} · {own['name']}: FAILED" in page
+            drawn = f"{name} · {own['name']}: FAIL" in page
             assert drawn == ((name, own["name"]) in failed)
             ground = run_folder.grounds.under(name, own["name"])
             if own["name"] != "ground":  # whose columns have shares, and whose value is the mean

@@ -90,7 +90,7 @@ def test_points_per_object_and_ap_are_by_ring(run):
     assert points.head == ap.head == ("placement", "0–10 m", "10–20 m")
     car = run.points.query("`class` == 'Car' and placement == 'line'")
     row = next(r for r in points.rows if r[0] == "line")
-    assert row[1:] == tuple(f"{mean:,.1f} (5 %)" for mean in car["mean"])
+    assert row[1:] == tuple(f"{mean:,.0f} (5 %)" for mean in car["mean"])
     assert len(ap.rows) == len(run.placements)
     assert len(ap.data) == 2 * len(run.placements)
     (row,) = [r for r in ap.rows if r[0] == "line"]

@@ -80,7 +80,7 @@ def test_the_first_screen_tells_value_peers_bound_mounts_and_commands(folder, pa
     assert f"As searched, with {rays}: {bound} (upper bound 1,250.0 nats)." in page.words
     fired = f"It fired {rays}, with weight"
     assert f"{fired}: the error is at most 0.2 % of one rig's value." in page.text
-    assert "Feasible: it keeps all 2 constraints." in page.words
+    assert "Feasible: it keeps all constraints (2)." in page.words
     assert "the sampler's share is 25 %." in page.text
     assert "lidarplace run runs/made_up/sweep.yaml" in page.words
     trial = pd.read_parquet(folder / "trials.parquet").loc[7]

@@ -131,9 +131,9 @@ def _few_seeds(run: RunFolder, group: Group) -> list[Weakness]:
     few = few_seeds(seeds, group.evaluator in ONE_FOR_ALL, "grid.seed", (*run.classes, "all"))
     evaluators = [value_at(run.config, EVALUATOR), *(value_at(run.config, "grid", EVALUATOR) or ())]
     commands = {
-        own.get("name", "command"): own.get("command", "")
-        for own in evaluators
-        if isinstance(own, dict)
+        settings.get("name", "command"): settings.get("command", "")
+        for settings in evaluators
+        if isinstance(settings, dict)
     }
     if "{seed}" not in commands.get(group.evaluator, "{seed}"):  # evaluated only once
         more = " Name {seed} in evaluator.command to train it again."

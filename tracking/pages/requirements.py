@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from lidarplace.base.number_text import number
-from lidarplace.requirements.tables import Ground
+from lidarplace.requirements.tables import Ground, verdict
 from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.style import TOLD, figure, lidar_markers, text
 from tracking.figures.kit.vehicle_lines import VEHICLE_OUTLINE, axes_from_above, map_height
@@ -33,8 +33,10 @@ _COLOURS = ((0.0, "#7a2b00"), (_ENOUGH, "#f0a070"), (_ENOUGH, "#a8d4f0"), (1.0, 
 
 
 def counted(worst: pd.DataFrame) -> str:
-    """Count the verdicts that are failures, in words."""
-    return f"Failed verdicts: {int((~worst['met']).sum())} of {len(worst)}."
+    """Count the verdicts that are failures, and those that are open, in words."""
+    is_open = int((worst["undecided"] > 0).sum())
+    failed = int((~worst["met"]).sum()) - is_open
+    return f"Failed verdicts: {failed} of {len(worst)}{f'; open: {is_open}' * (is_open > 0)}."
 
 
 def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Table:
@@ -44,7 +46,7 @@ def verdict_table(worst: pd.DataFrame, rig: Sequence[str], **further: Any) -> Ta
     columns = [
         *(words(name) for name in rig),
         words("requirement"),
-        Column("verdict", lambda row: "pass" if row["met"] else "FAIL", words=True),
+        Column("verdict", verdict, words=True),
         Column("needed", _needed),
         Column("found", lambda row: number(row["value"], 4 if row["value"] >= 1000 else 3)),
         Column("short by", lambda row: number(row["short_by"], 3) if row["short_by"] > 0 else ""),
@@ -70,10 +72,10 @@ def _place(row: Mapping[Any, Any]) -> str:
 
 def in_short(row: Mapping[Any, Any]) -> str:
     """Format a verdict in a cell: the value relative to what is needed."""
-    verdict = f"{'pass' if row['met'] else 'FAIL'}: {number(row['value'], 3)} of {_needed(row)}"
+    short = f"{verdict(row)}: {number(row['value'], 3)} of {_needed(row)}"
     if row["met"]:
-        return verdict
-    return "; ".join([verdict, ", ".join(filter(None, [row["case"], _place(row)]))])
+        return short
+    return "; ".join([short, ", ".join(filter(None, [row["case"], _place(row)]))])
 
 
 def draw_verdicts(
@@ -122,8 +124,7 @@ def requirement_map(
     `lidarplace.mounting.outline.outline` of the vehicle."""
     needed, measure = float(worst["at_least"]), worst["measure"]
     x, y, least = ground.x, ground.y, ground.least.astype(np.float64)
-    verdict = "met" if worst["met"] else "FAILED"
-    title = f"{text(rig)} · {text(worst['requirement'])}: {verdict}"
+    title = f"{text(rig)} · {text(worst['requirement'])}: {verdict(worst)}"
     plot = figure(title, height=map_height((np.ptp(y) + 2.0) / (np.ptp(x) + 4.0), 220, 560))
     bar = {"title": {"text": "of need"}, "tickvals": [0, 1, 2], "ticktext": ["0", "1", "≥ 2"]}
     of_need = f"%{{customdata:.3g}} {measure} of {needed:g}"

@@ -183,7 +183,8 @@ def _sections(analysis: Analysis) -> Iterator[tuple[str, Section]]:
                 raise
             _log.warning("plug-in left out: section %s", error)
             continue
-        if section is not None:
+        empty = section is None or not (section.figures or section.tables)
+        if section is not None and not (empty and analysis.run.sweep.detections):
             first = "placements" if analysis.run.results.empty else "best"
             section.folded = section.place == "page" and name != first
             yield name, section
@@ -217,10 +218,11 @@ def _extent(run: RunFolder) -> str:
     """Say in one line how much was compared."""
     pruned = int((run.trials["status"] == "pruned").sum())
     frames = run.sweep.frames
+    trained = "" if run.sweep.detections else f"{frames.train:,} training and "
     parts = [
         f"{len(run.placements)} placements, {len(run.trials)} trials",
         f"{pruned} of them pruned by promotion" if pruned else "",
-        f"{frames.train} training and {frames.test} test frames{_tested_objects(run)}",
+        f"{trained}{frames.test:,} test frames{_tested_objects(run)}",
         pictured(run),
     ]
     return f"{', '.join(filter(None, parts))}."

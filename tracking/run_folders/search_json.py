@@ -16,6 +16,9 @@ from tracking.run_folders.search_tables import trials_of
 from tracking.run_folders.sweep_json import Pose
 from tracking.run_folders.table_schema import TableSchema
 
+UNNAMED = "lidar"
+"""Model of searches without `models`: the LiDAR under the key of this name."""
+
 
 class Objective(Part):
     """Value that the search makes large or small."""

@@ -218,12 +218,20 @@ REQUIREMENTS = TableSchema.of(
     Column("requirement", "str", "its name"),
     Column("measure", "str", "`points`, `cells`, …, and by how many sensors"),
     Column("at_least", "float64", "required value"),
-    Column("for", "float64", "share of the positions that need it"),
+    Column("for", "float64", "share of the area that needs it"),
     Column("case", "str", "`as built`, a dead LiDAR, a shorter range, weather, mounts off"),
-    Column("met", "bool", "whether the rig passes in this case; it must pass in all"),
-    Column("value", "float64", "value that this share of the positions reaches"),
+    Column("met", "bool", "whether the rig surely passes in this case; it must in all"),
+    Column("value", "float64", "value that this share of the area reaches"),
     Column("short_by", "float64", "missing part of `at_least`; 0 if it is met"),
-    Column("enough", "float64", "share of the positions that have enough"),
+    Column("enough", "float64", "share of the area that has enough"),
+    Column(
+        "undecided",
+        "float64",
+        "width of the interval of `enough` with `for` inside, or share by which `value` may be "
+        "lower; 0: sure",
+        needed=False,
+        unknown=0.0,
+    ),
     *(
         Column(axis, "float64", "worst position, m; missing for a common view", needed=False)
         for axis in "xy"

@@ -120,4 +120,4 @@ def _amount(value: float | None, unit: str) -> str:
     """Format a value that keeps no more digits than it has, with its unit; a dash for None."""
     if value is None:
         return DASH
-    return f"{digits(value, ',.4g' if abs(value) < 1e4 else ',.0f')} {unit}".rstrip()
+    return f"{digits(value, ',.3g' if abs(value) < 1e3 else ',.0f')} {unit}".rstrip()

@@ -10,7 +10,7 @@ import pandas as pd
 from tracking.findings.evidence import Weakness, few_seeds, grade, remedy, value_at
 from tracking.labels import digits, not_significant, number, span
 from tracking.run_folders.search import SearchFolder
-from tracking.run_folders.search_json import Command, Objective, Rig, SearchResult
+from tracking.run_folders.search_json import UNNAMED, Command, Objective, Rig, SearchResult
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
 
 
@@ -85,11 +85,14 @@ def _found(run: SearchFolder) -> Card:
             lines.append(f"The paper's rigs are of LiDAR {', '.join(peers)}.")
     lines += _against_bound(search)
     count = len(search.constraints)
-    constraints_kept = f"it keeps all {count} constraints" if count else "there were no constraints"
+    constraints_kept = (
+        f"it keeps all constraints ({count})" if count else "there were no constraints"
+    )
     lines.append(f"Feasible: {constraints_kept}.")
     numbers = sorted(Counter(rig.models).items())
-    models = (f"{number} {name}" if numbers[1:] else name for name, number in numbers)
-    lines.append(f"{len(rig.mounts)} LiDAR{'s' * (len(rig.mounts) > 1)}: {', '.join(models)}.")
+    models = ", ".join(f"{number} {name}" if numbers[1:] else name for name, number in numbers)
+    named = "" if models == UNNAMED else f": {models}"
+    lines.append(f"{len(rig.mounts)} LiDAR{'s' * (len(rig.mounts) > 1)}{named}.")
     pairs = sorted({zone.name for zone in search.zones if zone.mirrored} & {*rig.zones})
     lines += [pairs_sentence(pairs)] if pairs else []
     first = f"{of_front(search)}, the first is" if search.front else "Best of the search:"

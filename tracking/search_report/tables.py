@@ -8,10 +8,12 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import is_numeric_dtype
 
-from tracking.labels import DASH, digits, not_significant, number, span
+from tracking.labels import DASH, digits, metric_label, not_significant, number, span
 from tracking.pages.section import Column, Table, numbers, words
 from tracking.run_folders.search_json import Objective, Rig, SearchResult
 from tracking.search_report.headline import format_value
+
+_SHARED = ("class", "metric", "seeds")
 
 
 def mount_table(caption: str, rig: Rig) -> Table:
@@ -69,25 +71,29 @@ def robustness_table(rows: pd.DataFrame) -> Table:
 
 
 def verified_table(rows: pd.DataFrame, baseline: str, objective: Objective) -> Table:
-    """Show `verified.parquet` as text."""
+    """Show `verified.parquet` as text; what all rows share is in the caption."""
     low, high = "difference_low", "difference_high"
     differing = ["difference", low, high]
     rows = rows.copy()
     rows.loc[(rows["rig"] == baseline) | rows["difference"].isna(), differing] = np.nan
+    rows["class"] = rows["class"].replace("all", "all objects")
+    rows["metric"] = [*map(metric_label, rows["metric"], rows["iou"])]
+    rows["seeds"] = [f"{n:,} seed{'s' * (n != 1)}" for n in rows["seeds"]]
+    shared = {name: str(rows[name].iloc[0]) for name in _SHARED if rows[name].nunique() == 1}
     columns = [
-        *(words(name) for name in ("rig", "role", "class")),
-        Column("metric", lambda row: f"{row['metric']} @ {row['iou']:g}", words=True),
-        numbers("seeds", "seeds", ""),
+        *(words(name) for name in ("rig", "role", *_SHARED) if name not in shared),
         numbers(objective.label, "surrogate", lambda value: format_value(objective, value)),
         numbers("value (%)", "value", ".1f"),
-        Column("95 % CI", lambda row: span(row["low"], row["high"], ".1f")),
+        *[Column("95 % CI", lambda row: span(row["low"], row["high"], ".1f"))]
+        * bool(rows["low"].notna().any()),
         numbers(f"difference to {baseline}", "difference", "+z.1f"),
         Column(
             "95 % CI",
             lambda row: span(row[low], row[high], "+.1f") + not_significant(row[low], row[high]),
         ),
     ]
-    return Table.of("Means over seeds", rows, columns, wide=True)
+    caption = " · ".join(shared.values()) or "Means over seeds"
+    return Table.of(caption, rows, columns, wide=True)
 
 
 def _cell(name: object, row: Mapping[Any, Any]) -> str:

@@ -168,14 +168,14 @@ def _by_distance(validation: Validation) -> Section:
 def _correction(validation: Validation) -> Section:
     file, rows = validation.correction, []
     for name, value in (file.factor | {"distance": file.distance or math.inf}).items():
-        show = _metres if name == "distance" else partial(digits, form=".3f")
+        show = _metres if name == "distance" else partial(digits, form=".2f")
         ends = dict.fromkeys(map(show, validation.intervals.get(name, ())))
         rows.append((name, show(value), " to ".join(ends) or DASH))
     head = ("", "value", "95 % interval over objects")
     tables = [Table("The correction", head, tuple(rows)).without_dashes()]
     if len(validation.fits):
         factors = [str(name) for name in validation.fits if name not in ("route", "boxes")]
-        columns = [numbers(name, name, ".3f") for name in factors if name != "distance"]
+        columns = [numbers(name, name, ".2f") for name in factors if name != "distance"]
         columns.append(numbers("distance", "distance", _metres))
         route = words("route left out", "route", "{:g}".format)
         tables.append(Table.of("Fitted without one route", validation.fits, [route, *columns]))
@@ -196,7 +196,8 @@ def _next_steps(validation: Validation, decision: Decision) -> list[dict[str, st
     lidar = {"name": "…", "correction": "correction.yaml"}
     if validation.correction.lidars:
         lidar["unit"] = next(iter(validation.correction.lidars))
-    line = yaml.safe_dump({"lidar": lidar}, sort_keys=False, allow_unicode=True)
+    style: dict[str, Any] = {"sort_keys": False, "allow_unicode": True, "default_flow_style": None}
+    line = yaml.safe_dump({"lidar": lidar}, width=200, **style).strip()
     return [{"what": "use it in sweeps, searches, requirements and the studio", "line": line}]
 
 
@@ -262,8 +263,8 @@ def _worst(validation: Validation) -> Section:
         words("class"),
         numbers("m", "distance", ".0f"),
         words("frame"),
-        *(numbers(head, source, ".0f") for source, head in _SOURCES.items()),
-        *(numbers(fate, fate, ".0f") for fate in FATES),
+        *(numbers(head, source, ",.0f") for source, head in _SOURCES.items()),
+        *(numbers(fate, fate, ",.0f") for fate in FATES),
         words("reason"),
     ]
     notes = [
@@ -287,7 +288,7 @@ def _overlay(overlay: Overlay, row: Mapping[Any, Any]) -> go.Figure:
     """Draw the points of an object in the axes of its box, from above and from the side."""
     name, reason = str(row["object_id"])[:13], f": {row['reason']}" if row["reason"] else ""
     title = text(f"{row['class']} {name}, {row['distance']:.0f} m{reason}")
-    counts = f"{row['real']:.0f} real points, {row['shipped']:.0f} simulated"
+    counts = f"{row['real']:,.0f} real points, {row['shipped']:,.0f} simulated"
     plot = figure(f"{title}<br>{counts}", 520, {"t": 66})
     clouds = {"real": (overlay.real, "circle"), "simulated": (overlay.simulated, "circle-open")}
     reach = overlay.size / 2 + MARGIN_M

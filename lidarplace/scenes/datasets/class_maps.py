@@ -24,9 +24,9 @@ ClassMap = Mapping[str, str]  # category -> class, or `IGNORE`
 BOX_LOG: ClassMap = MappingProxyType({name: name for name in CLASSES})
 """Class map of a log that already has our classes."""
 _SHIPPED = read_yaml_file(Path(__file__).with_name("class_maps.yaml"))
-NUSCENES, ARGOVERSE, WAYMO, KITTI, NO_ROAD_USERS = (
+NUSCENES, ARGOVERSE, WAYMO, KITTI, PANDASET, NO_ROAD_USERS = (
     MappingProxyType(_SHIPPED[name])
-    for name in ("nuscenes", "argoverse", "waymo", "kitti", "no_road_users")
+    for name in ("nuscenes", "argoverse", "waymo", "kitti", "pandaset", "no_road_users")
 )
 """Class maps of data sets, and what is ignored where all others keep their own names."""
 PAPER_GROUPS: ClassMap = ChainMap(_SHIPPED["usual"], _SHIPPED["argoverse"], _SHIPPED["nuscenes"])
@@ -35,7 +35,7 @@ PAPER, OWN = "paper", "own"  # class maps that have a name
 OTHER = "Other"
 """Class of ignored categories whose boxes are kept: they hide what is behind them, and count in no
 other class."""
-NO_OBSTACLES = ("DontCare", "EGO_VEHICLE")
+NO_OBSTACLES = ("DontCare", "EGO_VEHICLE", "vehicle.ego_trailer")
 """Ignored categories that hide nothing: parts of an image, and the vehicle with the LiDARs."""
 
 

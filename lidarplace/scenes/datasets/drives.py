@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.scenes.datasets.class_maps import classified
 from lidarplace.scenes.datasets.se3 import Poses
 
+Models = Lidar | Mapping[str, Lidar] | None
+"""Model of all LiDARs of a rig, or models by their names, or None where a reader knows them."""
 Drive = tuple[pd.DataFrame, pd.DataFrame, RecordedRig | None]
 """Boxes with their classes, or `IGNORE`; frames without `route` and `split`; and the rig."""
 
@@ -63,6 +66,24 @@ def in_frames(
     """Make a table of boxes, each in a row of `frames`, whose scene, number and time it gets."""
     names = ("scene", "frame", "timestamp_s")
     return pd.DataFrame({name: frames[name].to_numpy()[rows] for name in names} | dict(columns))
+
+
+def models_of(
+    names: Sequence[str], lidar: Models, known: Mapping[str, Lidar] = MappingProxyType({})
+) -> list[Lidar]:
+    """Return the models of a rig's LiDARs: `lidar`, the one of its name, or `known` of its name.
+
+    Raises ValueError if one is unknown, or a name is no LiDAR's."""
+    if isinstance(lidar, Lidar):
+        return [lidar] * len(names)
+    named = {**known, **(lidar or {})}
+    if other := [name for name in lidar or () if name not in names]:
+        expected = f"models of {', '.join(names)}"
+        raise InputError(place="--lidar", expected=expected, found=other[0])
+    if unknown := [name for name in names if name not in named]:
+        fix = f"name it: --lidar {','.join(f'{name}=MODEL' for name in unknown)}"
+        raise InputError(f"unknown model of {', '.join(unknown)}", fix=fix)
+    return [named[name] for name in names]
 
 
 def recorded_rig(

@@ -1,26 +1,26 @@
-"""Box logs of nuScenes, from the tables of its v1.0 database."""
+"""Box logs of nuScenes, and of data sets with the tables of its v1.0 database."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from lidarplace.base.errors import InputError
+from lidarplace.clouds.cloud_files import CloudFile
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import CLOUD, POINTS, SOURCE, first, geometry_of
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.datasets.class_maps import NUSCENES, ClassMap, classified, classify, merged
-from lidarplace.scenes.datasets.drives import in_frames, recorded_rig
+from lidarplace.scenes.datasets.drives import Models, in_frames, models_of, recorded_rig
 from lidarplace.scenes.datasets.nuscenes_tables import TokenTable, read_table
-from lidarplace.scenes.datasets.se3 import Poses, poses
+from lidarplace.scenes.datasets.se3 import Poses, concatenated, poses
 
 ORIGIN = (2.588 / 2, 0.0, 0.0)
 """Our ego origin in the ego frame of nuScenes, metres. Theirs is the middle of the rear axle,
@@ -31,6 +31,21 @@ LIDAR = "LIDAR_TOP"
 """The annotations of a sample belong to the sweep of this sensor, so its pose is the ego's. In data
 sets of the same tables it is the first channel."""
 STEPS = 1084  # of its HDL-32E, which turns at 20 Hz; the data sheet's steps are those of 10 Hz
+LONGEST_S = 0.5  # from a sample to the nearest pose of the vehicle
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """What differs between data sets of these tables."""
+
+    name: str
+    classes: ClassMap
+    origin: Sequence[float]  # ours in their ego frame, metres
+    poses_by_time: bool = False
+    """Whether the ego's pose is the nearest in time, not that of the first channel's sweep."""
+
+
+ZOE = Vehicle("nuscenes", NUSCENES, ORIGIN)
 
 
 def read_nuscenes(
@@ -40,10 +55,10 @@ def read_nuscenes(
     class_map: ClassMap | None = None,
     test_scenes: Sequence[str] | float = 0.2,
     ignored: Counter[str] | None = None,
-    lidar: Lidar | None = None,
+    lidar: Models = None,
     keep_ignored: bool = False,
     channels: Sequence[str] = (),
-    origin: Sequence[float] = ORIGIN,
+    vehicle: Vehicle = ZOE,
 ) -> BoxLog:
     """Read the annotated samples (key frames) of nuScenes as a box log.
 
@@ -54,57 +69,54 @@ def read_nuscenes(
     Args:
         folder: where the tables are (`v1.0-mini`, …), or the folder above.
         version: which of several versions in `folder`, such as `v1.0-trainval`.
-        class_map: entries that differ from `class_maps.NUSCENES`.
-        test_scenes: names of the scenes whose frames are test, or the share of recordings (rows of
-            log.json) that are. A recording is not divided, as its scenes lead through one place.
+        class_map: entries that differ from those of the vehicle.
+        test_scenes: names of the scenes whose frames are test, or the share of recordings that are:
+            rows of log.json, or else what names of scenes begin with. A recording is not divided,
+            as its scenes lead through one place.
         ignored: gets the number of boxes left out by category.
-        lidar: model of the LiDAR; None: HDL-32E at 20 Hz.
+        lidar: models; None: HDL-32E at 20 Hz for `LIDAR`.
         keep_ignored: keep boxes of ignored categories as `class_maps.OTHER`, which hide.
         channels: the LiDARs of the rig, the one of the ego's poses first; by default all, `LIDAR`
             first.
-        origin: our ego origin in the ego frame of the tables, metres.
+        vehicle: the data set.
 
     Raises ValueError if a table is wrong, a token leads nowhere, or a category is unknown."""
     folder = _tables(folder, version)
-    class_map = merged(NUSCENES, class_map, keep_ignored)
+    class_map = merged(vehicle.classes, class_map, keep_ignored)
     scene = read_table(folder / "scene.json", ("name", "log_token"))
     sample = read_table(folder / "sample.json", ("scene_token", "timestamp"))
-    channels = _channels(folder, channels)
-    if lidar is None and tuple(channels) != (LIDAR,):
-        fix = f"name it by --lidar, or choose --channel {LIDAR}"
-        raise InputError(f"unknown model of {', '.join(channels)}", place=folder, fix=fix)
+    channels = _channels(folder, channels, vehicle)
+    known = {LIDAR: replace(Lidar.named("hdl32e"), azimuth_steps=STEPS)}
+    lidars = models_of(channels, lidar, known)
     sweeps = {channel: _sweeps(folder, sample, channel) for channel in channels}
-    sweep = sweeps[channels[0]]
-    frames, frame_of, ego = _frames(folder, scene, sample, sweep, test_scenes, origin)
+    time = sample.numbers("timestamp")
+    ego = _poses(folder, "ego_pose", sweeps[channels[0]])
+    if vehicle.poses_by_time:
+        ego = _nearest(folder, sample, time)
+    ego = ego.moved(vehicle.origin)
+    frames, in_order = _frames(scene, sample, time, test_scenes)
+    mounts = [_poses(folder, "calibrated_sensor", s, vehicle.origin) for s in sweeps.values()]
+    clouds = pd.Series(_clouds(folder, sweeps, ego, in_order), dtype=object)
+    frames = frames.assign(**ego[in_order].ego_columns(), **{CLOUD: clouds})
 
     names = ("sample_token", "instance_token", "translation", "size", "rotation", "num_lidar_pts")
     box = read_table(folder / "sample_annotation.json", names)
     if not len(box):
         raise InputError("no boxes; those of the public test set are secret", place=box.path)
-    frame = frame_of[box.rows_in(sample, "sample_token")]
+    of_box = box.rows_in(sample, "sample_token")
     columns = {
         "object_id": box.columns["instance_token"],
         "class": classify(_categories(folder, box), class_map, box.row, ignored),
-        **in_ego(box, ego[frame]),
+        **in_ego(box, ego[of_box]),
         POINTS: box.numbers("num_lidar_pts"),
     }
-    boxes = in_frames(frames, frame, columns)
+    boxes = in_frames(frames, np.argsort(in_order)[of_box], columns)
     if (row := first(boxes[POINTS] < 0)) is not None:
         raise InputError(place=box.row(row), key="num_lidar_pts", expected="at least 0")
-    rows = np.argsort(frame_of)[np.flatnonzero(~frames["scene"].duplicated())]
-    mounts = [_poses(folder, "calibrated_sensor", s.take(rows), origin) for s in sweeps.values()]
-    sensors = Poses(
-        np.stack([mount.position for mount in mounts], axis=1).reshape(-1, 3),
-        Rotation.from_quat(
-            np.stack([mount.rotation.as_quat() for mount in mounts], axis=1).reshape(-1, 4)
-        ),
-    )
-    lidars = [lidar or replace(Lidar.named("hdl32e"), azimuth_steps=STEPS)] * len(channels)
-    of_scene = np.arange(len(channels))
-    rigs = {
-        name: recorded_rig("nuscenes", channels, sensors[of_scene + n * len(channels)], lidars)
-        for n, name in enumerate(frames["scene"].unique())
-    }
+    rigs = {}
+    for name, rows in frames.groupby("scene").indices.items():
+        sensors = concatenated([mount[in_order[rows[:1]]] for mount in mounts])
+        rigs[str(name)] = recorded_rig(vehicle.name, channels, sensors, lidars)
     return BoxLog(classified(boxes), frames, rigs=rigs)
 
 
@@ -124,7 +136,7 @@ def _tables(folder: Path, version: str | None) -> Path:
     folder = folder / (version or "")
     if (folder / "scene.json").exists():
         return folder
-    folders = sorted(path.parent for path in folder.glob("v1.0-*/scene.json"))
+    folders = sorted(path.parent for path in folder.glob("v1.*-*/scene.json"))
     if len(folders) != 1:
         versions, fix = ", ".join(path.name for path in folders), "name a version" * bool(folders)
         expected = "scene.json or one folder v1.0-*"
@@ -133,23 +145,19 @@ def _tables(folder: Path, version: str | None) -> Path:
 
 
 def _frames(
-    folder: Path,
     scene: TokenTable,
     sample: TokenTable,
-    sweep: TokenTable,
+    time: NDArray[np.float64],
     test_scenes: Sequence[str] | float,
-    origin: Sequence[float],
-) -> tuple[pd.DataFrame, NDArray[np.int64], Poses]:
-    """Return the table of frames, the frame of every sample, and our ego pose by frame."""
+) -> tuple[pd.DataFrame, NDArray[np.int64]]:
+    """Return the table of frames, and the row of `sample` of each."""
     names = np.array(scene.columns["name"], dtype=object)
     order = np.argsort(names, kind="stable")
     route_of = np.argsort(order)[sample.rows_in(scene, "scene_token")]
-    timestamp = sample.numbers("timestamp")
-    in_order = np.lexsort((timestamp, route_of))
-    route, time_us = route_of[in_order], timestamp[in_order]
+    in_order = np.lexsort((time, route_of))
+    route, time_us = route_of[in_order], time[in_order]
     start_us = pd.Series(time_us).groupby(route).transform("first").to_numpy()
     test = _test(scene, order, test_scenes)[order]
-    ego = _poses(folder, "ego_pose", sweep)[in_order].moved(origin)
     frames = pd.DataFrame(
         {
             "scene": names[order][route],
@@ -157,19 +165,51 @@ def _frames(
             "timestamp_s": (time_us - start_us) / 1e6,
             "route": route,
             "split": np.where(test, "test", "train")[route],
-            **ego.ego_columns(),
-            CLOUD: np.array(sweep.columns["filename"], dtype=object)[in_order],
             SOURCE: np.array(sample.columns["token"], dtype=object)[in_order],
         }
     )
-    return frames, np.argsort(in_order), ego
+    return frames, in_order
+
+
+def _clouds(
+    folder: Path, sweeps: Mapping[str, TokenTable], ego: Poses, in_order: NDArray[np.int64]
+) -> list[tuple[CloudFile, ...]]:
+    """Return the files of each frame, by LiDAR: the vehicle drives on from sweep to sweep."""
+    files = []
+    for channel, sweep in sweeps.items():
+        mount, vehicle = (_poses(folder, n, sweep) for n in ("calibrated_sensor", "ego_pose"))
+        matrices = mount.posed_by(vehicle).seen_from(ego).matrices()[in_order]
+        names = [sweep.columns["filename"][row] for row in in_order]
+        pairs = zip(names, matrices, strict=True)
+        files.append([CloudFile(name, matrix, channel) for name, matrix in pairs])
+    return list(zip(*files, strict=True))
+
+
+def _nearest(folder: Path, sample: TokenTable, time: NDArray[np.float64]) -> Poses:
+    """Return the poses of the vehicle nearest in time to each sample."""
+    pose = read_table(folder / "ego_pose.json", ("translation", "rotation", "timestamp"))
+    if not len(pose):
+        raise InputError("no pose", place=pose.path)
+    times = pose.numbers("timestamp")
+    order = np.argsort(times, kind="stable")
+    after = np.searchsorted(times[order], time).clip(1, max(len(times) - 1, 1))
+    pair = order[np.stack([after - 1, after.clip(max=len(times) - 1)])]
+    gaps = np.abs(times[pair] - time)
+    if (row := first(gaps.min(axis=0) > 1e6 * LONGEST_S)) is not None:
+        expected, found = f"one within {LONGEST_S:g} s", f"{gaps.min(axis=0)[row] / 1e6:g} s"
+        problem = f"no pose at the time of a sample in {pose.path.name}"
+        raise InputError(problem, place=sample.row(row), expected=expected, found=found)
+    pose = pose.take(np.take_along_axis(pair, gaps.argmin(axis=0)[None], axis=0)[0])
+    return poses(pose.numbers("translation", 3), pose.numbers("rotation", 4), pose.row)
 
 
 def _test(
     scene: TokenTable, order: NDArray[np.int64], test_scenes: Sequence[str] | float
 ) -> NDArray[np.bool_]:
     """Return whether each row of `scene` is test; a share takes recordings at even distances."""
-    names, logs = scene.columns["name"], scene.columns["log_token"]
+    names = scene.columns["name"]
+    pairs = zip(scene.columns["log_token"], names, strict=True)
+    logs = [log or name.rpartition("-")[0] for log, name in pairs]
     if not isinstance(test_scenes, float | int):
         if unknown := [name for name in test_scenes if name not in names]:
             raise InputError(f"no test scene {unknown[0]!r}", place=scene.path)
@@ -182,7 +222,7 @@ def _test(
     return np.array([log in test for log in logs], bool)
 
 
-def _channels(folder: Path, channels: Sequence[str]) -> Sequence[str]:
+def _channels(folder: Path, channels: Sequence[str], vehicle: Vehicle) -> Sequence[str]:
     """Return the channels of LiDARs, all by default; `LIDAR` is then the first.
 
     Raises ValueError if one is unknown, or none of them is the first."""
@@ -193,6 +233,10 @@ def _channels(folder: Path, channels: Sequence[str]) -> Sequence[str]:
     if unknown := [name for name in channels if name not in lidars]:
         problem = f"no LiDAR {unknown[0]!r}"
         raise InputError(problem, place="--channel", expected=f"one of {listed}")
+    if not lidars:
+        raise InputError("no LiDAR", place=sensor.path)
+    if vehicle.poses_by_time:
+        return channels or lidars
     if not channels and LIDAR not in lidars:
         fix = "name all LiDARs by --channel, the one of the ego's poses first"
         raise InputError(f"no {LIDAR}", place=sensor.path, found=listed, fix=fix)

@@ -1,6 +1,6 @@
 """Rigid motions in space, many at once: where vehicles and objects are in a data set."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,6 +45,11 @@ class Poses:
         position = frames.position + frames.rotation.apply(self.position)
         return Poses(position, frames.rotation * self.rotation)
 
+    def matrices(self) -> NDArray[np.float64]:
+        """Return matrices from the posed frames to the outer ones, (N, 3, 4)."""
+        turns = self.rotation.as_matrix().reshape(-1, 3, 3)
+        return np.concatenate([turns, self.position[:, :, None]], axis=2)
+
     def ego_columns(self) -> dict[str, NDArray[np.float64]]:
         """Return `POSE_COLUMNS` and `FULL_POSE_COLUMNS` of a vehicle in the world; (N,) each."""
         matrix = self.rotation.as_matrix().reshape(-1, 3, 3)
@@ -69,3 +74,9 @@ def poses(
 
     Raises InputError for a quaternion whose length is not 1; `row` names its row."""
     return Poses(position, rotations(quaternion[:, [1, 2, 3, 0]], row))
+
+
+def concatenated(parts: Sequence[Poses]) -> Poses:
+    """Join poses, one after the other."""
+    quaternions = np.concatenate([part.rotation.as_quat().reshape(-1, 4) for part in parts])
+    return Poses(np.concatenate([part.position for part in parts]), Rotation.from_quat(quaternions))

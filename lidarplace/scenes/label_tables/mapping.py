@@ -254,6 +254,7 @@ class TableMapping(Settings):
         with at(key="poses"):
             self.of_poses()
         self._check_upright()
+        self._check_sense()
         for category, name in self.classes.items():
             if name is not None:
                 check_class_name(name, key=f"classes.{category}", fix="null ignores its boxes")
@@ -276,6 +277,18 @@ class TableMapping(Settings):
             lacks_z = vector is not None and vector.z is None
             if lacks_z and convention.axes[2] not in ("up", "down"):
                 raise InputError(key=key, expected="a column: z is not upright", found="none")
+
+    def _check_sense(self) -> None:
+        """Raise ValueError for a sense of yaw where no heading is an angle."""
+        poses = self.poses
+        of_poses = poses is not None and poses.yaw is not None and poses.sense is None
+        used = self.columns.yaw is not None or of_poses
+        senses = [("yaw.sense", self.yaw.sense if not used else None)]
+        senses.append(("poses.sense", poses.sense if poses and poses.yaw is None else None))
+        for key, sense in senses:
+            if sense is not None:
+                fix = "remove it: quaternions and directions have no sense of their own"
+                raise InputError("the headings are no angles", key=key, found=sense, fix=fix)
 
     @property
     def stamp(self) -> str:
@@ -336,8 +349,9 @@ def convention_keys(convention: Convention, mapping: TableMapping) -> str:
     if keys and mapping.poses is not None:
         poses = mapping.of_poses()
         keys += f"poses.axes: {_flow(poses.axes)}, poses.zero: {poses.zero}, "
-        keys += f"poses.sense: {poses.sense}, "
-    keys += f"yaw: {{zero: {convention.zero}, sense: {convention.sense}}}"
+        keys += f"poses.sense: {poses.sense}, " if mapping.poses.yaw is not None else ""
+    sense = f", sense: {convention.sense}" if mapping.columns.yaw is not None else ""
+    keys += f"yaw: {{zero: {convention.zero}{sense}}}"
     unit: AngleUnit = "deg" if abs(convention.factor) < 0.1 else "rad"
     return keys + (f", units.angle: {unit}" if unit != mapping.units.angle else "")
 

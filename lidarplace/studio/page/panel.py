@@ -74,8 +74,8 @@ class Panel:
             self.other_rig = gui.add_dropdown("also, in violet", (NO_RIG,))
             self.apart = gui.add_checkbox("apart", False)
             required = (each.name for each in studio.file.settings.requirements)
-            found = [group for group, name in FINDING.items() if name in studio.classes]
-            ground = (NO_COLOUR, *HEIGHTS_M, *COUNTED_M, *found, *required)
+            recall = [group for group, name in FINDING.items() if name in studio.classes]
+            ground = (NO_COLOUR, *HEIGHTS_M, *COUNTED_M, *recall, *required)
             self.ground = gui.add_dropdown("ground", ground)
             self.unseen = gui.add_html("")
             self.object = gui.add_dropdown("why not seen", (NO_OBJECT,))

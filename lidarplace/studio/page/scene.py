@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 LANE_M = 3.5
 SENSORS = ("#e8590c", "#fab005", "#82c91e", "#2b8a3e")
 """Colours of ground by the number of LiDARs that see it, the last one of three and more."""
-RECALL = ("#e8a87c", "#ecc19f", "#f0dac1", "#f4efe4", "#cfdfe3", "#a7cde1", "#7fbbe0")
+RECALL = ("#d95f02", "#e8904f", "#f2c49b", "#eeeeee", "#a9cce3", "#5a9fce", "#1f6fb0")
 """Colours of ground by expected recall, in equal parts from 0 to 1."""
 UNSEEN = "#e03131"
 EYE, LOOKS_AT = (-6.0, 4.0, 5.0), (1.5, 0.0, 0.8)  # of the initial camera, metres

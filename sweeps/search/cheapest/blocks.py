@@ -1,7 +1,6 @@
 """Shares of every requirement that each LiDAR of a grid has alone: the numbers of the programme."""
 
 import itertools
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,7 +20,8 @@ from lidarplace.requirements.rays_on_objects import (
     missed_cells,
     sights_of,
 )
-from lidarplace.requirements.requirement import AS_BUILT, KIND_OF, may_fail
+from lidarplace.requirements.requirement import AS_BUILT, KIND_OF
+from sweeps.search.cheapest.cheapest_rig import TOLERANCE
 from sweeps.search.problem.assess import Criteria
 from sweeps.search.problem.constraints import Carrier, requirement_name
 from sweeps.search.problem.rig import MountedLidar, placement_of
@@ -46,7 +46,8 @@ class Block:
             down, shape (L, R, C); None where numbers of LiDARs simply add up.
         needed: number of parts.
         position: of each object; the objects of a position are its headings.
-        may_fail: number of positions that may have too little.
+        areas: area around each position, in cells of their grid, shape (P,).
+        may_fail: area of the positions that may have too little; 0: none may.
         dead: number of LiDARs without any of which it has to hold, too.
         sensors: number of LiDARs that have to have enough, each by itself; 0: all together."""
 
@@ -56,7 +57,8 @@ class Block:
     missed: NDArray[np.uint8] | None
     needed: float
     position: NDArray[np.int64]
-    may_fail: int
+    areas: NDArray[np.float64]
+    may_fail: float
     dead: int
     sensors: int
 
@@ -99,7 +101,8 @@ class Block:
     def short(self, shares: NDArray[np.float64], level: float) -> NDArray[np.intp]:
         """Return objects with less than `level` of the need; none if so many positions may fail."""
         rows = np.flatnonzero(shares < level)
-        return rows if len(np.unique(self.position[rows])) > self.may_fail else rows[:0]
+        area = self.areas[np.unique(self.position[rows])].sum()
+        return rows if area > self.may_fail + TOLERANCE or not self.may_fail else rows[:0]
 
 
 def blocks_of(lidars: Sequence[MountedLidar], criteria: Criteria) -> list[Block]:
@@ -164,16 +167,17 @@ def _of_one(
 def _block(
     key: tuple[int, str, str], layout: RequirementLayout, values: NDArray[Any], carrier: Carrier
 ) -> Block:
-    wanted = layout.requirement
-    objects, needed = np.nonzero(~np.isnan(layout.boxes_in(key[1])[:, :, 0]))[1], wanted.least
-    positions = len(np.unique(objects))
+    wanted, (_, pose, case), fails = layout.requirement, key, 0.0
+    fits = ~np.isnan(layout.boxes_in(pose)[:, :, 0])
+    objects, areas, needed = np.nonzero(fits)[1], np.ones(fits.shape[1]), wanted.least
     if layout.roi is not None:
-        body = carrier.vehicle.poses[key[1]]
-        inside = voxels_in_body(body, layout.roi)[layout.positions.held]
-        objects, positions, needed = np.zeros(1, int), 1, wanted.least * float((~inside).sum())
-    elif wanted.curve is not None:
-        left = 1.0 - wanted.least / wanted.curve.most  # as many cells as leave so much
-        needed = math.inf if left < 0 else -math.log(max(left, 2.0**-53)) / wanted.curve.rate
+        inside = voxels_in_body(carrier.vehicle.poses[pose], layout.roi)[layout.positions.held]
+        objects, areas, needed = np.zeros(1, int), np.ones(1), needed * float((~inside).sum())
+    elif wanted.share < 1:  # as much as may fail at positions that are then refined
+        areas = layout.areas_in(pose)
+        fails = min(1.0 - wanted.share + layout.precision(pose), 1.0) * float(areas.sum())
+    if wanted.curve is not None:
+        needed = wanted.curve.cells(needed)  # as many cells as find it
     missed = values if values.ndim == 3 else None
     alone = values if missed is None else 1.0 - missed.mean(axis=2) / _WHOLE
     alone = alone * np.float32((1 if missed is None else missed.shape[2]) / needed)
@@ -181,7 +185,6 @@ def _block(
     if sensors:  # each by itself
         alone, missed = (alone >= 1.0 - 1e-6) / np.float32(sensors), None
     also = wanted.also_when
-    dead = max(int(also.one_lidar_dead), also.sensors_dead) if key[2] == AS_BUILT else 0
-    fails = may_fail(wanted.share, positions)
+    dead = max(int(also.one_lidar_dead), also.sensors_dead) if case == AS_BUILT else 0
     name, alone = requirement_name(wanted.name), np.asarray(alone, np.float32)
-    return Block(key, name, alone, missed, needed, objects, fails, dead, sensors)
+    return Block(key, name, alone, missed, needed, objects, areas, fails, dead, sensors)

@@ -324,7 +324,9 @@ class _Work:
         ease = np.minimum(block.alone[:, rows], 1.0).sum(axis=0)
         order = np.lexsort((ease, shares))
         first = np.unique(block.position[rows][order], return_index=True)[1]
-        return [int(rows[order[i]]) for i in np.sort(first)[: _AT_ONCE + block.may_fail]]
+        rows = rows[order[np.sort(first)]]
+        above = np.cumsum(block.areas[block.position[rows]]) > block.may_fail + TOLERANCE
+        return [int(row) for row in rows[: _AT_ONCE + int(above.argmax())]]
 
     def add_cover(self, block: Block, remaining: Sequence[int], lost: tuple[int, ...]) -> None:
         """Require a candidate that is not among as many as can be had without enough."""
@@ -405,6 +407,9 @@ class _Work:
             self.exclude(chosen)
             return
         short = outcome.least_of < wanted.least
+        if outcome.worst.undecided or outcome.worst.refined:  # others may be refined elsewhere
+            self.exclude(chosen)
+            return
         if not blocks[0].may_fail:  # one place is enough
             short = np.arange(len(short)) == outcome.least_of.argmin()
         helps = [(block.alone[:, short[block.position]] > 0).any(axis=1) for block in blocks]
@@ -416,5 +421,5 @@ def _position(
     block: Block, row: int, of: tuple[object, ...], of_each: bool = False
 ) -> Position | None:
     """Return the position of an object in a case of a requirement; None if none may fail."""
-    fails = block.may_fail
-    return Position(of, int(block.position[row]), fails, of_each) if fails else None
+    number, fails = int(block.position[row]), block.may_fail
+    return Position(of, number, float(block.areas[number]), fails, of_each) if fails else None

@@ -19,11 +19,12 @@ _INFEASIBLE = 2
 class Position(NamedTuple):
     """A place where a requirement may fail in a case, `of`, which identifies both.
 
-    `may_fail` of its positions may, or as many for `of_each` LiDAR of the rig."""
+    So much of the `area` of its positions `may_fail`, or as much for `of_each` LiDAR of the rig."""
 
     of: tuple[object, ...]
     number: int
-    may_fail: int
+    area: float
+    may_fail: float
     of_each: bool
 
 
@@ -180,8 +181,8 @@ class Programme:
             alike = [position for position in at if position.of == of]
             fails, of_each = alike[0].may_fail, alike[0].of_each
             failing = fails * self.sizes if of_each else np.zeros(n)
-            marks = [(0, at[position], 1.0) for position in alike]
-            enough = [len(alike) - (0 if of_each else fails)]
+            marks = [(0, at[position], position.area) for position in alike]
+            enough = [sum(p.area for p in alike) - (0.0 if of_each else fails) - 1e-6]
             lines.append(_lines(width, failing[None], enough, more=marks))
         return lines
 

@@ -47,6 +47,7 @@ from sweeps.search.problem.slots import Assignment
 from sweeps.search.problem.space import Space, assign_to_slots
 from sweeps.search.problem.training_rigs import rigs_near, training_rigs
 from sweeps.stages.task import Task, plain
+from tracking.run_folders.search_json import UNNAMED
 from training import code_of_network, network_of
 
 _ANSWERING = {
@@ -56,8 +57,6 @@ _ANSWERING = {
 """Keys, in addition to scene, ROI and classes, that decide the values of trials."""
 _ELSEWHERE = {"trials", "vehicle", "cheapest"}
 """Keys of `search` that do not decide it, or are in its key by their content."""
-OWN_MODEL = "lidar"
-"""Name of the model that the key `lidar` describes."""
 
 
 @dataclass(frozen=True)
@@ -216,7 +215,7 @@ class SearchProblem(SearchConfig):
     def paper_rigs(self) -> dict[str, Rig]:
         """Return the paper's eight with the LiDAR of the key `lidar`."""
         mounts = {name: rig.mounts for name, rig in PAPER_PLACEMENTS.items()}
-        lidars = {name: [MountedLidar(OWN_MODEL, "", m) for m in ms] for name, ms in mounts.items()}
+        lidars = {name: [MountedLidar(UNNAMED, "", m) for m in ms] for name, ms in mounts.items()}
         return {name: ordered(rig) for name, rig in lidars.items()}
 
 
@@ -242,13 +241,13 @@ def _problem(source: dict[str, Any], path: Path) -> SearchProblem:
     lidar = file.lidar.lidar().in_weather(weather)
     chosen = {
         name: model.lidar().in_weather(weather) for name, model in settings.models.items()
-    } or {OWN_MODEL: lidar}
+    } or {UNNAMED: lidar}
     fixed = [
         MountedLidar(f.model or next(iter(chosen)), "", Mount(*f.pose)) for f in settings.fixed
     ]
     space = Space(settings, tuple(chosen), fixed)
     start = {name: _start(file, rigs, name, space) for name in settings.start}
-    models = chosen | {OWN_MODEL: lidar}
+    models = chosen | {UNNAMED: lidar}
     _check_body(file, space, fixed, models)
     for key in file.verify.set if settings.models and file.verify is not None else ():
         if key.partition(".")[0] == "lidar" and key != "lidar.cloud_share":
@@ -304,8 +303,8 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any]) -> None:
             if key in file.verify.set:
                 fix = "set verify.seeds"
                 raise InputError("the verification varies it", key=f"verify.set.{key}", fix=fix)
-    if OWN_MODEL in settings.models:
-        raise InputError("is the name of the key `lidar`", key=f"search.models.{OWN_MODEL}")
+    if UNNAMED in settings.models:
+        raise InputError("is the name of the key `lidar`", key=f"search.models.{UNNAMED}")
     for objective in settings.objective:
         with at(key=f"search.objective: {objective.name}"):
             _check_objective(objective, file)
@@ -427,7 +426,7 @@ def _model_of(file: SearchFile, number: int, mount: MountSettings) -> str:
     if mount.lidar is None:
         return ""
     models = {name: model.lidar() for name, model in file.search.models.items()}
-    models = models or {OWN_MODEL: file.lidar.lidar()}
+    models = models or {UNNAMED: file.lidar.lidar()}
     name = next((name for name, model in models.items() if model == mount.lidar.lidar()), None)
     if name is None:
         problem = f"LiDAR {number} is none of search.models"

@@ -29,7 +29,7 @@ def label_places(
     Each label takes the side that covers the least of points, their bars and labels before it. A
     point with the label "" is an obstacle alone. `bars` are lengths along y to each side, NaN or
     0."""
-    if len(labels) > MOST_NAMED:
+    if sum(map(bool, labels)) > MOST_NAMED:
         return ["middle right"] * len(labels)
     half = np.zeros(len(y)) if bars is None else np.nan_to_num(bars)
     across, ends = _pixels(x, _PLOT[0]), np.concatenate([y - half, y, y + half])

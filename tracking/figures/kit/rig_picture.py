@@ -16,7 +16,7 @@ from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import equal_axes, xyz
 from tracking.figures.kit.style import OUTLINE, QUIET, TOLD, add_menu, figure, lidar_markers, text
 from tracking.figures.kit.vehicle_lines import add_lines, extent_of, posts, vehicle_in_space
-from tracking.run_folders.search_json import Zone
+from tracking.run_folders.search_json import UNNAMED, Zone
 
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
 """Axes of a sensor, in colours that colour-blind readers can distinguish."""
@@ -225,7 +225,11 @@ def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None, gap: fl
     markers = lidar_markers(len(at), 7)
     if rig.dead is not None:
         markers["color"][rig.dead] = OUTLINE
-    same = f"LiDAR: {models[0]}" if len(set(models)) == 1 and models[0] else "LiDAR"
+    same = (
+        f"LiDAR: {models[0]}"
+        if len(set(models)) == 1 and models[0] not in ("", UNNAMED)
+        else "LiDAR"
+    )
     plot.add_scatter3d(
         **xyz(at),
         mode="markers",

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 
 from tracking.figures.kit.named_points import label_places
 from tracking.figures.kit.style import add_menu, colour, error_bars, figure, legend_below, text
@@ -22,6 +23,8 @@ _STYLES = {
 }
 MOST_CHOICES = 4  # sentences on what to choose
 FIRST = "s_mig"  # surrogate before another is chosen
+_PARTS = 25
+"""Points along a line that labels keep off."""
 LEAST_SECONDS = 1e-6  # of a logarithmic axis, for what a clock measured as 0
 
 
@@ -77,9 +80,9 @@ def _cost(row: pd.Series, reference: pd.Series) -> str:
     """Say how a surrogate was computed, its seconds and its error."""
     rays = f", {row['azimuth_steps']:,} azimuth steps" if row["azimuth_steps"] else ""
     frames = f", {row['frames']:,} frames" if row["frames"] < reference["frames"] else ""
-    how = f"{row['resolution']:g} m, {row['method']}{rays}{frames}"
+    computation = f"{row['resolution']:g} m, {row['method']}{rays}{frames}"
     error = f"error {_percent(row['median_error'])} %"
-    return f"{how}: {row['seconds']:.2g} s a placement, {error}"
+    return f"{computation}: {row['seconds']:.2g} s a placement, {error}"
 
 
 def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
@@ -147,11 +150,22 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
 
 
 def _place_labels(lines: Sequence[go.Scatter]) -> None:
-    """Place the labels of all points so that few hide each other; both axes are logarithmic."""
-    x, y = (np.log10(np.concatenate([line[axis] for line in lines])) for axis in "xy")
-    places = iter(label_places(x, y, [label for line in lines for label in line.text]))
+    """Place labels so that they cover few points, lines and bars; both axes are logarithmic."""
+    points = [np.log10([line.x, line.y]).T for line in lines]
+    tops = [np.log10([line.x, line.y + line.error_y.array]).T for line in lines]
+    covered = [_along(at[:-1], at[1:]) for at in points]
+    covered += [_along(at, top) for at, top in zip(points, tops, strict=True)]
+    x, y = np.concatenate(points + covered).T
+    labels = [label for line in lines for label in line.text]
+    places = iter(label_places(x, y, labels + [""] * (len(x) - len(labels))))
     for line in lines:
         line.textposition = [next(places) for _ in line.text]
+
+
+def _along(starts: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points along segments from each start to its end, both of shape (n, 2)."""
+    share = np.linspace(0.0, 1.0, _PARTS)[:, None, None]
+    return np.asarray((1 - share) * starts + share * ends).reshape(-1, 2)
 
 
 def _line(rows: pd.DataFrame, group: str, floor: float) -> go.Scatter:

@@ -12,7 +12,7 @@ from tracking.findings.groups import Group, by_setting, has_detectors
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.findings.summary import seed_means
 from tracking.kitti_iou import at_headline_iou
-from tracking.labels import DASH, metric_label, plus_minus
+from tracking.labels import DASH, digits, metric_label, plus_minus
 from tracking.pages.section import Section, Table, numbers, slug, words
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
@@ -110,7 +110,7 @@ def _metric_table(rows: pd.DataFrame, bins: Bins, measure: str, by: str, label: 
     best = frozenset(
         (int(np.nanargmax(column)), i)
         for i, (_, column) in enumerate(wide(rows, bins, "mean").items(), start=1)
-        if column.notna().any()
+        if column.nunique() > 1
     )
     data = rows.drop(columns="bin").rename(columns={"mean": "mean_percent", "sd": "sd_percent"})
     of = {"caption": f"{metric} {by} · {label}", "name": slug(measure, by, label), "data": data}
@@ -173,7 +173,11 @@ def in_rings(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
 
 def _points_table(rows: pd.DataFrame, rings: Bins, label: str) -> Table:
     def cell(mean: float, share: float) -> str:
-        return DASH if np.isnan(mean) else f"{mean:,.1f} ({100 * share:.0f} %)"
+        return (
+            DASH
+            if np.isnan(mean)
+            else f"{digits(mean, ',.0f' if mean >= 100 else '.3g')} ({100 * share:.0f} %)"
+        )
 
     caption = f"Points per object, share of the objects without any in brackets · {label}"
     names = {"mean": "points_mean", "median": "points_median"}

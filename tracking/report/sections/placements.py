@@ -22,9 +22,9 @@ def placements_section(analysis: Analysis) -> Section:
     """Show a table for every group and class, and the trials that failed."""
     run = analysis.run
     decides = labels.surrogate_name(deciding_surrogate(run.surrogates))
-    with_results = (
-        "Mean ± standard deviation over seeds, best AP first; the highest of a column is bold."
-    )
+    several = run.results.empty or run.results["seed"].nunique() > 1
+    means = "Mean ± standard deviation over seeds" if several else "One seed"
+    with_results = f"{means}, best AP first; the highest of a column is bold."
     alone = (
         f"No detector was evaluated. Order: {decides}. "
         "Ranks in brackets, 1 the highest value. The ranks of S-MIG, IG and residual entropy run "

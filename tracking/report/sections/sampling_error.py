@@ -1,16 +1,20 @@
 """Sampling error of the POG."""
 
+from collections.abc import Mapping
+from functools import partial
 from itertools import combinations
+from typing import Any
 
 import pandas as pd
 
 from lidarplace.pog.surrogates.sampling_error import NORMAL_95
 from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
 from tracking.findings.groups import by_setting, studied
-from tracking.labels import in_order, number, surrogate_label, surrogate_name, surrogate_unit
-from tracking.pages.section import Section, Table, numbers, slug, words
+from tracking.labels import in_order, known, surrogate_label, surrogate_name, surrogate_unit
+from tracking.pages.section import Column, Section, Table, slug, words
 from tracking.report.analysis import Analysis
 
+_NUMBERS = {"value": "value", "sd": "sd", "bias": "bias", "95 % low": "low", "95 % high": "high"}
 MOST_INTERVALS = 20  # placements whose sampling errors are shown: every pair of them is compared
 
 
@@ -58,11 +62,7 @@ def _sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
     columns = [
         words("surrogate", show=surrogate_label),
         words("placement"),
-        numbers("value", "value", number),
-        numbers("sd", "sd", number),
-        numbers("bias", "bias", number),
-        numbers("95 % low", "low", number),
-        numbers("95 % high", "high", number),
+        *(Column(head, partial(_known, key)) for head, key in _NUMBERS.items()),
     ]
     order = in_order(estimates["surrogate"])
     rows = estimates.sort_values("surrogate", key=lambda of: of.map(order.index), kind="stable")
@@ -73,6 +73,10 @@ def _sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
     data = estimates.assign(unit=[surrogate_unit(name) for name in estimates["surrogate"]])
     name = slug("sampling error", title)
     return Table.of(caption, rows, columns, wide=True, name=name, data=data)
+
+
+def _known(key: str, row: Mapping[Any, Any]) -> str:
+    return known(row[key], row["sd"])
 
 
 def paired_differences(estimates: pd.DataFrame, resamples: pd.DataFrame) -> pd.DataFrame:

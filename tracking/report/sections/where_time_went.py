@@ -34,7 +34,7 @@ def where_time_went(analysis: Analysis) -> Section:
         numbers("tasks", "tasks", ","),
         numbers("task seconds", "task_seconds", ",.1f"),
         numbers("wall seconds", "wall", ",.1f"),
-        numbers("overhead a task (ms)", "overhead", lambda s: digits(1000 * s, ",.1f")),
+        numbers("overhead a task (ms)", "overhead", lambda s: digits(1000 * s, ",.0f")),
         numbers("peak memory (MB)", "peak_memory", lambda size: digits(size / 1e6, ",.0f")),
     ]
     units = dict.fromkeys(("task_seconds", "wall", "overhead"), "s") | {"peak_memory": "bytes"}
