@@ -183,8 +183,10 @@ def evaluate_rigs(
     if frames.empty:
         raise InputError(f"no frame is in the {split} split", place="log")
     numbers = frames["frame"].to_numpy(np.int64)
+    whole = log
     log = replace(log, boxes=log.boxes[log.boxes["frame"].isin(numbers)])  # others hide nothing
-    surroundings = Surroundings(log, seed)
+    moving = any(placement.takes_time for placement in placements)  # but show motion
+    surroundings = Surroundings(whole if moving else log, seed)
     network = (generalist.detector, generalist.classes, generalist.state_dict)
     predictor = Predictor(*network, TrainingSettings(), crop, generalist.typical)
     objects = ground_truth(log, roi.x, roi.y, roi.z, seed=seed)

@@ -153,21 +153,22 @@ def _cast(rays, surfaces, moving, crop, ends, hits):
     half = np.abs(scan.moments).max()
     for part in range(number):
         box, rides = surfaces.geometry[part], surfaces.owner[part] == BODY
-        fill_corners(box, corners)
         speed = _place(box, motion, part, rides, 0.0, moved, rate)
-        whole = _grown(window_of(corners, origin, rotation), speed * half)
-        if whole.nearest > beams.reach or not is_between(beams, whole):
+        around = _around(box, speed * half, origin, rotation)
+        if around.nearest > beams.reach:
             continue
+        steps_around = runs(beams, 0, around)
         for span in range(spans):
-            early, late = scan.spans[span, 0], scan.spans[span, 1]
+            early, late = scan.spans[span, 0], min(scan.spans[span, 1], half)
             within = int(scan.spans[span, 2]), int(scan.spans[span, 3])
-            if len(beams.aimed) == 0 and not _overlap(runs(beams, 0, whole), within):
+            if len(beams.aimed) == 0 and not _overlap(steps_around, within):
                 continue
-            late = min(late, half)
             middle, reach = 0.5 * (early + late), 0.5 * (late - early)
             speed = _place(box, motion, part, rides, middle, moved, rate)
             fill_corners(moved, corners)
-            region[:3], region[3:] = crop[:3] - speed * reach, crop[3:] + speed * reach
+            for axis in range(3):
+                region[axis] = crop[axis] - speed * reach
+                region[3 + axis] = crop[3 + axis] + speed * reach
             if is_apart(corners, origin, region):
                 continue
             window = _grown(window_of(corners, origin, rotation), speed * reach)
@@ -201,6 +202,21 @@ def _place(box, motion, part, rides, t, moved, rate):
     rate[1] = c * wy - s * wx - turn * moved[0]
     rate[2] = spin - turn
     return 1.1 * (math.hypot(rate[0], rate[1]) + abs(rate[2]) * math.hypot(box[3], box[4]))
+
+
+@inner
+def _around(box, metres, origin, rotation):
+    """Return a window around the sphere that holds a part whose points may be so many metres away.
+
+    Its elevations are not bounded."""
+    ex, ey, ez = box[0] - origin[0], box[1] - origin[1], box[2] - origin[2]
+    x = rotation[0, 0] * ex + rotation[1, 0] * ey + rotation[2, 0] * ez
+    y = rotation[0, 1] * ex + rotation[1, 1] * ey + rotation[2, 1] * ez
+    radius = metres + 0.5 * math.sqrt(box[3] ** 2 + box[4] ** 2 + box[5] ** 2)
+    beside = math.hypot(x, y)
+    turn = math.asin(radius / beside) if radius < beside else math.pi
+    nearest = math.sqrt(ex**2 + ey**2 + ez**2) - radius
+    return Window(math.atan2(y, x), turn, turn, -math.pi, math.pi, nearest, np.inf, beside)
 
 
 @inner
@@ -365,14 +381,15 @@ def _fill_hits(rays, surfaces, faces, scan, nearest, hits):
                 reflected[ray] = min(inverse * high, 1.0) if face == GROUND else 0.0
                 targets[ray] = face
                 continue
-            least, cosine, t = np.inf, 0.0, times[n] - faces.middle[face]
+            # The plane of the least inverse distance, toward / distance, of those that face.
+            cosine, away, t = np.inf, 1.0, times[n] - faces.middle[face]
             for k in range(6):
                 plane = faces.planes[face, k]
-                distance = _distance(plane, t)
                 x, y, z = plane[0] + t * plane[3], plane[1] + t * plane[4], plane[2] + t * plane[5]
                 toward = ce * (x * cosines[n] + y * sines[n]) + se * z
-                if distance > 0.0 and toward < least * distance:
-                    least, cosine = toward / distance, toward
+                distance = plane[6] + t * plane[7]
+                if distance > 0.0 and toward * away < cosine * distance:
+                    cosine, away = toward, distance
             part = faces.part[face]
             ranges[ray], targets[ray] = 1.0 / inverse, surfaces.owner[part]
             reflected[ray] = min(cosine, 1.0) * surfaces.reflectivity[part]

@@ -60,7 +60,7 @@ class Validation:
     scores: pd.DataFrame  # of `comparison`
     floor: Mapping[str, float]  # of `comparison.floor`
     fits: pd.DataFrame  # a row for each route left out
-    intervals: Mapping[str, tuple[float, float]]  # from resampled tracks; empty if it was given
+    intervals: Mapping[str, tuple[float, float]]  # of `FitData.intervals`; empty if given
     subsets: pd.DataFrame  # of `lidarplace.validation.subsets`, as `agreement`
     agreement: pd.DataFrame
     shadows: NDArray[np.float64] | None  # what sectors return, shape (LiDARs, SECTORS)
