@@ -80,8 +80,8 @@ def collect(
     Raises:
         ValueError: a box is bad, a frame is not in the log, the crop is empty, or a LiDAR takes
             time for a frame, and the log does not show motion or has a static world."""
-    how = seed, misaligned_heights, errors, vehicle
-    return SimulatedClouds(log, frames, placement, crop, *how).kept()
+    settings = seed, misaligned_heights, errors, vehicle
+    return SimulatedClouds(log, frames, placement, crop, *settings).kept()
 
 
 class Scene(NamedTuple):

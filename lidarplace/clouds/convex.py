@@ -107,7 +107,7 @@ class Window(NamedTuple):
             of it, radians; pi if the sensor's axis meets the part or passes close by.
         lowest, highest: bounds of the elevation, radians.
         nearest, farthest: bounds of the distance, metres.
-        beside: least distance from the sensor's axis, metres."""
+        axis_distance: least distance from the sensor's axis, metres."""
 
     azimuth: float
     right: float
@@ -116,7 +116,7 @@ class Window(NamedTuple):
     highest: float
     nearest: float
     farthest: float
-    beside: float
+    axis_distance: float
 
 
 @inner

@@ -132,11 +132,11 @@ class _Faces(NamedTuple):
 
     Attributes:
         planes: of each, see `_fill_planes`, shape (n, 6, 8).
-        part, middle: number of each, and the middle of its span, shape (n,)."""
+        part, centre: number of each, and the centre of its span, shape (n,)."""
 
     planes: NDArray[np.float64]
     part: NDArray[np.int32]
-    middle: NDArray[np.float64]
+    centre: NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -163,8 +163,8 @@ def _cast(rays, surfaces, moving, crop, ends, hits):
             within = int(scan.spans[span, 2]), int(scan.spans[span, 3])
             if len(beams.aimed) == 0 and not _overlap(steps_around, within):
                 continue
-            middle, reach = 0.5 * (early + late), 0.5 * (late - early)
-            speed = _place(box, motion, part, rides, middle, moved, rate)
+            centre, reach = 0.5 * (early + late), 0.5 * (late - early)
+            speed = _place(box, motion, part, rides, centre, moved, rate)
             fill_corners(moved, corners)
             for axis in range(3):
                 region[axis] = crop[axis] - speed * reach
@@ -175,7 +175,7 @@ def _cast(rays, surfaces, moving, crop, ends, hits):
             if window.nearest > beams.reach or not is_between(beams, window):
                 continue
             _fill_planes(moved, rate, origin, rotation, faces.planes[count])
-            faces.part[count], faces.middle[count] = part, middle
+            faces.part[count], faces.centre[count] = part, centre
             _meet(beams, window, (faces, count), (scan, span), memory, nearest)
             count += 1
     _fill_hits(rays, surfaces, faces, scan, nearest, hits)
@@ -213,22 +213,22 @@ def _around(box, metres, origin, rotation):
     x = rotation[0, 0] * ex + rotation[1, 0] * ey + rotation[2, 0] * ez
     y = rotation[0, 1] * ex + rotation[1, 1] * ey + rotation[2, 1] * ez
     radius = metres + 0.5 * math.sqrt(box[3] ** 2 + box[4] ** 2 + box[5] ** 2)
-    beside = math.hypot(x, y)
-    turn = math.asin(radius / beside) if radius < beside else math.pi
+    axis_distance = math.hypot(x, y)
+    turn = math.asin(radius / axis_distance) if radius < axis_distance else math.pi
     nearest = math.sqrt(ex**2 + ey**2 + ez**2) - radius
-    return Window(math.atan2(y, x), turn, turn, -math.pi, math.pi, nearest, np.inf, beside)
+    return Window(math.atan2(y, x), turn, turn, -math.pi, math.pi, nearest, np.inf, axis_distance)
 
 
 @inner
 def _grown(window, metres):
     """Return the window of a part whose points may be so many metres away."""
-    azimuth, right, left, lowest, highest, nearest, farthest, beside = window
-    if metres >= beside:
+    azimuth, right, left, lowest, highest, nearest, farthest, axis_distance = window
+    if metres >= axis_distance:
         return Window(azimuth, math.pi, math.pi, -math.pi, math.pi, 0.0, farthest, 0.0)
-    angle = math.asin(metres / beside)
+    angle = math.asin(metres / axis_distance)
     right, left = min(right + angle, math.pi), min(left + angle, math.pi)
     lowest, highest, nearest = lowest - angle, highest + angle, nearest - metres
-    return Window(azimuth, right, left, lowest, highest, nearest, farthest, beside)
+    return Window(azimuth, right, left, lowest, highest, nearest, farthest, axis_distance)
 
 
 @inlined
@@ -289,11 +289,11 @@ def _meet_beams(beams, window, some, ends, face, times, memory, nearest):
     Runs of steps in which the sensor stays on the same side of each plane are met at once."""
     (faces, number), (lines, enter), (inverses, numbers) = face, memory, nearest
     cosines, sines = along(beams, some[0])
-    planes, middle, steps = faces.planes[number], faces.middle[number], beams.azimuths.shape[2]
+    planes, centre, steps = faces.planes[number], faces.centre[number], beams.azimuths.shape[2]
     first, end = ends
     while first < end:
-        last = _same_sides(planes, times, middle, first, end)
-        facing = _fill_lines(planes, cosines, sines, times, middle, (first, last), lines)
+        last = _same_sides(planes, times, centre, first, end)
+        facing = _fill_lines(planes, cosines, sines, times, centre, (first, last), lines)
         size = last - first
         for beam in range(some[0], some[1] if facing > 0 else some[0]):
             elevation, ce, se = beams.elevations[beam]
@@ -310,28 +310,28 @@ def _meet_beams(beams, window, some, ends, face, times, memory, nearest):
 
 
 @inner
-def _same_sides(planes, times, middle, first, end):
+def _same_sides(planes, times, centre, first, end):
     """Return the end of the steps from `first` on at which the same planes face the sensor."""
     last = end
     for k in range(6):
-        side = _distance(planes[k], times[first] - middle) > 0.0
-        if (_distance(planes[k], times[last - 1] - middle) > 0.0) != side:
+        side = _distance(planes[k], times[first] - centre) > 0.0
+        if (_distance(planes[k], times[last - 1] - centre) > 0.0) != side:
             n = first + 1
-            while (_distance(planes[k], times[n] - middle) > 0.0) == side:
+            while (_distance(planes[k], times[n] - centre) > 0.0) == side:
                 n += 1
             last = n
     return last
 
 
 @inner
-def _fill_lines(planes, cosines, sines, times, middle, ends, lines):
+def _fill_lines(planes, cosines, sines, times, centre, ends, lines):
     """Fill a and b of each plane, those that face the sensor first; return how many do."""
     first, last = ends
     cosines, sines, times = cosines[first:last], sines[first:last], times[first:last]
     facing, others = 0, 6
     for k in range(6):
         plane = planes[k]
-        if _distance(plane, times[0] - middle) > 0.0:
+        if _distance(plane, times[0] - centre) > 0.0:
             row = facing
             facing += 1
         else:
@@ -339,7 +339,7 @@ def _fill_lines(planes, cosines, sines, times, middle, ends, lines):
             row = others
         a, b = lines[row, 0, : len(times)], lines[row, 1, : len(times)]
         for n in range(len(times)):
-            t = times[n] - middle
+            t = times[n] - centre
             inverse = 1.0 / _distance(plane, t)
             x, y, z = plane[0] + t * plane[3], plane[1] + t * plane[4], plane[2] + t * plane[5]
             a[n], b[n] = (x * cosines[n] + y * sines[n]) * inverse, z * inverse
@@ -382,7 +382,7 @@ def _fill_hits(rays, surfaces, faces, scan, nearest, hits):
                 targets[ray] = face
                 continue
             # The plane of the least inverse distance, toward / distance, of those that face.
-            cosine, away, t = np.inf, 1.0, times[n] - faces.middle[face]
+            cosine, away, t = np.inf, 1.0, times[n] - faces.centre[face]
             for k in range(6):
                 plane = faces.planes[face, k]
                 x, y, z = plane[0] + t * plane[3], plane[1] + t * plane[4], plane[2] + t * plane[5]

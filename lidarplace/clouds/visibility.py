@@ -152,15 +152,15 @@ def _joint_window(windows):
     """Return the `Window` that holds those of all parts of an object."""
     azimuth = windows[0, 0] if len(windows) else 0.0
     right = left = farthest = 0.0
-    lowest, highest, nearest, beside = np.inf, -np.inf, np.inf, np.inf
+    lowest, highest, nearest, axis_distance = np.inf, -np.inf, np.inf, np.inf
     for row in windows:
         turn = shorter_turn(azimuth, row[0])
         right, left = max(right, row[1] - turn), max(left, row[2] + turn)
         lowest, highest = min(lowest, row[3]), max(highest, row[4])
         nearest, farthest = min(nearest, row[5]), max(farthest, row[6])
-        beside = min(beside, row[7])
+        axis_distance = min(axis_distance, row[7])
     right, left = min(right, math.pi), min(left, math.pi)
-    return Window(azimuth, right, left, lowest, highest, nearest, farthest, beside)
+    return Window(azimuth, right, left, lowest, highest, nearest, farthest, axis_distance)
 
 
 @inner

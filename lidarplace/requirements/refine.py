@@ -102,7 +102,7 @@ def verdicts(
     The object fits somewhere around the vehicle in the pose."""
     wanted, held = layout.requirement, layout.positions.held
     first, headings = _worst(layout, layout.boxes_in(pose), measure)
-    done, numbers = dict[int, AreaVerdict](), range(first.shape[1])
+    sure, numbers = dict[int, AreaVerdict](), range(first.shape[1])
     values, turned = (np.full((*held.shape, len(numbers)), np.nan) for _ in range(2))
     values[maximum_filter(held, 3)] = np.inf
     values[held], turned[held] = first, headings
@@ -113,22 +113,22 @@ def verdicts(
         limit = _Limit(wanted, wanted.step / 2**level, layout.precision(pose) / 2**level)
         near = limit.near(values)
         last = level == layout.levels or 4 * values.size > _MOST_VALUES
-        for number in set(numbers) - set(done):
+        for number in set(numbers) - set(sure):
             is_near, column = bool(near[..., number].any()), values[fits, number]
             at = int(column.argmin())
             heading, least = float(turned[i[at], j[at], number]), float(column[at])
             worst = float(x[i[at]]), float(y[j[at]]), heading, least
             verdict = limit.verdict(column, area, is_near, worst)
             if last or not is_near or not verdict.undecided:
-                done[number] = verdict._replace(refined=level > 0)
-        if len(done) == len(numbers):
+                sure[number] = verdict._replace(refined=level > 0)
+        if len(sure) == len(numbers):
             break
-        split = np.asarray(near[..., [number not in done for number in numbers]].any(axis=2))
+        split = np.asarray(near[..., [number not in sure for number in numbers]].any(axis=2))
         values, turned, new = _halved(values), _halved(turned), _halved(split) == 1
         new = maximum_filter(new, 3) & np.isnan(values[:, :, 0])
         points = np.stack(np.meshgrid(*layout.lines(level + 1), indexing="ij"), axis=-1)[new]
         values[new], turned[new] = _worst(layout, layout.boxes_at(points, pose), measure)
-    return [done[number] for number in numbers], first
+    return [sure[number] for number in numbers], first
 
 
 def _worst(

@@ -27,6 +27,8 @@ PAIRS = (
     ("bought", "four_stack"),  # planned as well: the price of four vlp16
     ("bought_three", "four_stack"),  # the same price, three LiDARs
     ("bought_cheap", "four_stack"),  # planned as well: a third less
+    ("three_hires", "four_stack"),  # what the models of `bought_three` are worth
+    ("bought_three", "three_hires"),  # and its poses
 )
 """Rigs, and what they are compared with."""
 METRICS = {

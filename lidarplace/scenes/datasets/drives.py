@@ -69,14 +69,14 @@ def in_frames(
 
 
 def models_of(
-    names: Sequence[str], lidar: Models, known: Mapping[str, Lidar] = MappingProxyType({})
+    names: Sequence[str], lidar: Models, defaults: Mapping[str, Lidar] = MappingProxyType({})
 ) -> list[Lidar]:
-    """Return the models of a rig's LiDARs: `lidar`, the one of its name, or `known` of its name.
+    """Return the models of a rig's LiDARs: `lidar`, the one of its name, or `defaults` of its name.
 
     Raises ValueError if one is unknown, or a name is no LiDAR's."""
     if isinstance(lidar, Lidar):
         return [lidar] * len(names)
-    named = {**known, **(lidar or {})}
+    named = {**defaults, **(lidar or {})}
     if other := [name for name in lidar or () if name not in names]:
         expected = f"models of {', '.join(names)}"
         raise InputError(place="--lidar", expected=expected, found=other[0])

@@ -36,7 +36,7 @@ LONGEST_S = 0.5  # from a sample to the nearest pose of the vehicle
 
 @dataclass(frozen=True)
 class Vehicle:
-    """What differs between data sets of these tables."""
+    """Vehicle and classes, in which data sets of these tables differ."""
 
     name: str
     classes: ClassMap
@@ -86,8 +86,8 @@ def read_nuscenes(
     scene = read_table(folder / "scene.json", ("name", "log_token"))
     sample = read_table(folder / "sample.json", ("scene_token", "timestamp"))
     channels = _channels(folder, channels, vehicle)
-    known = {LIDAR: replace(Lidar.named("hdl32e"), azimuth_steps=STEPS)}
-    lidars = models_of(channels, lidar, known)
+    defaults = {LIDAR: replace(Lidar.named("hdl32e"), azimuth_steps=STEPS)}
+    lidars = models_of(channels, lidar, defaults)
     sweeps = {channel: _sweeps(folder, sample, channel) for channel in channels}
     time = sample.numbers("timestamp")
     ego = _poses(folder, "ego_pose", sweeps[channels[0]])

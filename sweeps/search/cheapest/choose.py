@@ -325,8 +325,8 @@ class _Work:
         order = np.lexsort((ease, shares))
         first = np.unique(block.position[rows][order], return_index=True)[1]
         rows = rows[order[np.sort(first)]]
-        above = np.cumsum(block.areas[block.position[rows]]) > block.may_fail + TOLERANCE
-        return [int(row) for row in rows[: _AT_ONCE + int(above.argmax())]]
+        exceeds = np.cumsum(block.areas[block.position[rows]]) > block.may_fail + TOLERANCE
+        return [int(row) for row in rows[: _AT_ONCE + int(exceeds.argmax())]]
 
     def add_cover(self, block: Block, remaining: Sequence[int], lost: tuple[int, ...]) -> None:
         """Require a candidate that is not among as many as can be had without enough."""
