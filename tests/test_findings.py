@@ -18,6 +18,7 @@ OF_THE_DESIGN = {
     *("10", "30", "40"),  # bounds of distances, metres
     "0.1",  # q of expected IG by default
     "0.4",  # metres between the rigs of a controlled pair
+    *("16,000", "97.5"),  # price of four vlp16, US dollars, and level of its test
 }
 """Numbers that the words may hold: the configuration says them."""
 
