@@ -115,6 +115,7 @@ def test_a_gpu_and_its_problem(monkeypatch):
         "mem_get_info": (75e9, 80e9),
     }.items():
         monkeypatch.setattr(f"torch.cuda.{name}", lambda *_, value=value: value)
+    monkeypatch.setattr("training.device.has_card", lambda: True)
     monkeypatch.setattr(checks, "driver_version", lambda: "580.65.06")
     monkeypatch.setattr(checks, "version", lambda name: {}[name])  # of pytorch-triton, say
     found = checks.gpu(needed=True)

@@ -334,6 +334,7 @@ def test_a_network_keeps_to_its_share_of_a_gpu(tmp_path, monkeypatch, share):
     """Four trainings fit a GPU, and one that comes after them has all of it."""
     taken = []
     monkeypatch.setattr("torch.cuda.is_available", lambda: True)
+    monkeypatch.setattr("training.device.has_card", lambda: True)
     monkeypatch.setattr("torch.cuda.set_per_process_memory_fraction", taken.append)
     monkeypatch.setattr(FinetuneStage, "run", train_at_once)
     monkeypatch.setattr(Remembering, "gpus_per_training", share)

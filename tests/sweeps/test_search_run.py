@@ -143,7 +143,7 @@ def test_no_feasible_placement_and_nothing_of_an_earlier_search(tmp_path):
     found, output = searched(tmp_path, code=1, search=limits)
     assert "No rig keeps all constraints" in output
     least = found.trials["violation.distance"].min()
-    never = f"No trial kept distance, which the best of them broke by {least:.4g} m."
+    never = f"No trial kept distance, which the best of them broke by {least:.3g} m."
     assert never in output
     left = {path.name for path in run.iterdir()}
     assert left >= {"search.json", "search.html", "trials.parquet", "config.yaml", "optuna.journal"}

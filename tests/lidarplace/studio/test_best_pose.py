@@ -14,7 +14,7 @@ from tests.lidarplace.studio import rigs
 NEAR = {
     "name": "somebody ahead",
     "where": {"x": [2.5, 3.5], "y": [-0.6, 0.6]},
-    "what": {"length": 0.5, "width": 0.5, "height": 0.8, "headings": 1},
+    "what": {"length": 0.5, "width": 0.5, "height": 1.0, "headings": 1},
     "at_least": {"points": 4},
     "step": 0.5,
 }
@@ -35,7 +35,7 @@ def studio_of(folder, **keys):
 
 def fewest_points(studio, layout):
     """Count the fewest points at a position of a requirement, ray by ray."""
-    places = ([x, y, 0.4, 0.5, 0.5, 0.8, 0.0] for x, y in layout.positions.points.tolist())
+    places = ([x, y, 0.5, 0.5, 0.5, 1.0, 0.0] for x, y in layout.positions.points.tolist())
     return min(len(hits_of(studio.placement, studio.file.body, at)[0]) for at in places)
 
 
