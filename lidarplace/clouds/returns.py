@@ -39,7 +39,7 @@ class CloudPart(NamedTuple):
         key: seed, frame and index of the LiDAR; with the ray it decides drop-off and noise.
         lift: height by which points are raised before the cut, metres.
         classes: of objects by the number that hits have of them, for a correction; what has another
-            number is no object to it.
+            number is not an object to it.
         poses: of the vehicle at the moment of each ray, of `lidarplace.clouds.moving.poses_at`, if
             points are moved to where it sees them at the moment of the frame; None: they stay."""
 
