@@ -38,7 +38,7 @@ def rig_of(raw: Mapping[str, Any]) -> dict[str, Any]:
 
 def as_requirements(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return an answer as a file of `lidarplace requirements`."""
-    search, curves = raw["search"], (raw.get("surrogate") or {}).get("curves")
+    search, curves = _search_of(raw), (raw.get("surrogate") or {}).get("curves")
     shared = {key: search[key] for key in ("vehicle", "keep_out", "requirements") if key in search}
     return {"placements": {path.stem: rig_of(raw)}, **shared} | (
         {"curves": curves} if curves else {}
@@ -55,10 +55,12 @@ def studio_content(raw: Mapping[str, Any], rigs: Mapping[str, Any]) -> dict[str,
 
     A studio knows models by their names in the catalogue. Bounds of models without such a name, or
     that share one, are left out. Fixed LiDARs have zones, and count, too."""
-    search = raw["search"]
+    search = _search_of(raw)
     content: dict[str, Any] = {"placements": dict(rigs)}
-    keys = ("vehicle", "keep_out", "constraints", "requirements")
+    keys = ("keep_out", "constraints", "requirements")
     content |= {key: deepcopy(search[key]) for key in keys if search.get(key)}
+    if search.get("vehicle") is not None:  # [] is none, not a car
+        content["vehicle"] = deepcopy(search["vehicle"])
     if raw.get("allow_blind_lidars"):
         content["allow_blind_lidars"] = True
     models, fixed = search.get("models") or {}, search.get("fixed") or []
@@ -84,6 +86,12 @@ def studio_content(raw: Mapping[str, Any], rigs: Mapping[str, Any]) -> dict[str,
         m["name"]: m["price"] for m in models.values() if {"name", "price"} <= {*m}
     }
     return content
+
+
+def _search_of(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the search of an answer; at a site it has no vehicle, not a car."""
+    search: dict[str, Any] = raw["search"]
+    return search if raw.get("site") is None else search | {"vehicle": []}
 
 
 def _turns(search: Mapping[str, Any]) -> dict[str, Any]:

@@ -394,6 +394,19 @@ class SearchFile(Common, Point):
         None, description="detectors for the winners and the paper's eight; null: none"
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _on_poles(cls, data: Any) -> Any:
+        """Let the search of a site have no vehicle, not a car."""
+        if not isinstance(data, dict) or data.get("site") is None:
+            return data
+        search = data.get("search")
+        if not isinstance(search, dict):
+            return data
+        if search.get("vehicle") not in (None, []):
+            raise InputError("a site has no vehicle", key="search.vehicle", fix="remove it or site")
+        return data | {"search": search | {"vehicle": []}}
+
     @property
     def needs_voxels(self) -> bool:
         """Whether an objective depends on traffic; price, power and margin do not."""

@@ -20,9 +20,11 @@ from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.placement import MountSettings
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.vehicle import zone_in_body
+from lidarplace.mounting.zone import grid
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from lidarplace.recall.detection_curve import default_curves, read_curves
 from lidarplace.requirements.layout import RequirementLayout
+from lidarplace.scenes.kinds import obstacles_around
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.file import ConfigError, check, read_named, reading
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_overlaps
@@ -55,6 +57,8 @@ _ANSWERING = {
     *("detector", "training", "generalist", "mounting_errors", "allow_blind_lidars", "metrics"),
 }
 """Keys, in addition to scene, ROI and classes, that decide the values of trials."""
+ZONE_STEP_M = 1.0
+"""Distance of the places of a zone that must be free of walls and lanes at a site, metres."""
 _ELSEWHERE = {"trials", "vehicle", "cheapest"}
 """Keys of `search` that do not decide it, or are in its key by their content."""
 
@@ -327,11 +331,19 @@ def _check_body(
     for zone in space.zones:
         if zone_in_body(zone, vehicle)[1]:
             raise InputError("is inside the vehicle's body", key=f"search.zones.{zone.name}")
+    around = None if file.site is None else obstacles_around(file.scene, file.site)
+    if around is not None:
+        for zone in space.zones:
+            with at(key=f"search.zones.{zone.name}"):
+                for place in grid(zone, ZONE_STEP_M):
+                    around.check_place(place, "a part of it")
     if not fixed:
         return
     with at(key="search.fixed"):
         rig = placement_of(tuple(fixed), models, "fixed")
         check_mounts(rig, vehicle)
+        if around is not None:
+            around.check(rig)
         if not file.allow_blind_lidars:
             check_not_blind(rig, file.voxel_roi(), with_keep_outs(file.search))
 
