@@ -132,13 +132,13 @@ def _picture(check: RequirementsCheck) -> Section:
     """Draw the rigs on the vehicle, with the ground of the first ones by expected recall."""
     from lidarplace.logs.boxes import CLASSES
     from tracking.figures.kit.grounds import ground_note, with_grounds
-    from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
+    from tracking.figures.kit.rig_picture import PicturedRig, axes_and_posts, rig_picture
     from tracking.pages.section import Section
 
     pictured = {rig.name: PicturedRig.of(rig.mounts) for rig in check.rigs}
     placements = {rig.name: rig for rig in check.rigs}
     pictured = with_grounds(pictured, placements, check.vehicle, CLASSES)
-    notes = [AXES_AND_POSTS, ground_note(pictured)]
+    notes = [axes_and_posts(check.vehicle), ground_note(pictured)]
     return Section("The rigs", notes, [rig_picture(pictured, check.vehicle)], columns=2)
 
 

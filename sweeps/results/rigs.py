@@ -16,7 +16,7 @@ from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.point import Point
-from tracking.figures.kit.vehicle_lines import name_of
+from tracking.figures.kit.vehicle_lines import words_of_views
 from tracking.pages.html_page import SECTIONS_ALONE, write_page
 from tracking.pages.section import Section
 from tracking.report.decision.rigs import rig_views, viewed_rig
@@ -75,12 +75,7 @@ def write_rigs_page(sweep: Sweep, cautions: list[str]) -> Path:
     vehicle = sweep.points[0].vehicle
     section = Section(
         "Rigs",
-        notes=[
-            f"The nose of {name_of(vehicle)} is on the right. A line leads from above to where a "
-            "LiDAR's top leans, from the side to where its front points. x is forward, y to the "
-            "left, z above the ground.",
-            *cautions,
-        ],
+        notes=[words_of_views(vehicle), *cautions],
         figures=rig_views(
             [viewed_rig(name, rigs[name].mounts, models.get(name, ())) for name in drawn], vehicle
         ),

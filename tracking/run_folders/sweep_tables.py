@@ -162,7 +162,7 @@ OBJECTS = TableSchema.of(
     *(Column(axis, "float64", "of the centre, ego frame, m") for axis in "xyz"),
     *(Column(side, "float64", "m") for side in ("length", "width", "height")),
     Column("yaw", "float64", "from the x axis to the left"),
-    Column("visibility", "float64", "share that an ideal sensor on the roof sees, in [0, 1]"),
+    Column("visibility", "float64", "share that an ideal sensor above the middle sees, in [0, 1]"),
     Column("occluded", "int64", "KITTI's level of it: 0 fully visible, 1 partly, 2 largely"),
     axes=_SCENE_AXES,
 )

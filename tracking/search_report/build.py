@@ -9,7 +9,8 @@ import numpy as np
 from lidarplace.requirements.tables import worst_cases
 from tracking.figures import of_searches
 from tracking.figures.kit.grounds import ground_note, with_grounds_of_folder
-from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
+from tracking.figures.kit.rig_picture import PicturedRig, axes_and_posts, rig_picture
+from tracking.figures.kit.vehicle_lines import name_of
 from tracking.labels import DASH, digits, number
 from tracking.pages.html_page import write_page
 from tracking.pages.requirements import ALONE, counted, draw_verdicts, verdict_table
@@ -72,8 +73,8 @@ def _mounts(run: SearchFolder) -> Section | None:
             "holds."
         )
     section.notes.append(
-        "Ego frame: x forward, y left, z up, origin on the ground under the middle of the vehicle. "
-        "Pitch > 0 tips the nose down, roll > 0 lifts the left side."
+        f"Ego frame: x forward, y left, z up, origin on the ground in the middle of "
+        f"{name_of(run.search.body)}. Pitch > 0 tips the nose down, roll > 0 lifts the left side."
     )
     return section
 
@@ -107,7 +108,10 @@ def _picture(run: SearchFolder) -> Section:
         name: PicturedRig.in_zones(rig.placed, rig.models, rig.zones) for name, rig in menu.items()
     }
     pictured = with_grounds_of_folder(pictured, run.path, run.search.classes)
-    notes = [f"Choose a rig in the menu: {named}. {AXES_AND_POSTS}", ground_note(pictured)]
+    notes = [
+        f"Choose a rig in the menu: {named}. {axes_and_posts(run.search.body)}",
+        ground_note(pictured),
+    ]
     picture = rig_picture(pictured, run.search.body, run.search.zones)
     return Section("The rigs", [*filter(None, notes)], [picture], place="picture")
 

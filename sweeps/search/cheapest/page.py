@@ -15,7 +15,7 @@ from sweeps.search.cheapest.rig_check import cost_of
 from sweeps.search.problem.rig import Rig
 from sweeps.search.problem.zone_records import zones_of
 from tracking.figures.kit.grounds import ground_note, with_grounds_of_folder
-from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
+from tracking.figures.kit.rig_picture import PicturedRig, axes_and_posts, rig_picture
 from tracking.figures.kit.style import OUTLINE, colour, figure, legend_below
 from tracking.labels import digits
 from tracking.pages.html_page import write_page
@@ -111,7 +111,7 @@ def _picture(answer: CheapestAnswer, folder: Path) -> Section:
     vehicle, zones = answer.problem.criteria.carrier.vehicle, zones_of(answer.problem.space)
     pictured = with_grounds_of_folder(pictured, folder, answer.problem.file.classes)
     picture = rig_picture(pictured, vehicle, zones)
-    notes = [AXES_AND_POSTS, ground_note(pictured)]
+    notes = [axes_and_posts(vehicle), ground_note(pictured)]
     return Section("The rig", [*filter(None, notes)], [picture], place="picture")
 
 

@@ -15,16 +15,21 @@ from lidarplace.requirements.recall_ground import REACH_M, RecallGround
 from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import equal_axes, xyz
 from tracking.figures.kit.style import OUTLINE, QUIET, TOLD, add_menu, figure, lidar_markers, text
-from tracking.figures.kit.vehicle_lines import add_lines, extent_of, posts, vehicle_in_space
+from tracking.figures.kit.vehicle_lines import (
+    add_lines,
+    extent_of,
+    has_body,
+    posts,
+    vehicle_in_space,
+)
 from tracking.run_folders.search_json import UNNAMED, Zone
 
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
 """Axes of a sensor, in colours that colour-blind readers can distinguish."""
-_AXIS_LENGTH = 0.3  # metres
-AXES_AND_POSTS = (
-    "Drag to turn, scroll to zoom. Lines at a LiDAR are the sensor's axes, 0.3 m long; grey posts "
-    "are the rack that LiDARs above the body need."
-)
+_AXIS_LENGTHS = 1.5, 0.3
+"""Length of a sensor's axes without and with a body, metres."""
+_LEAST_SITE_M = 20.0
+"""Length of a site in pictures at least, metres."""
 _DISTANCES = 1.6, 4.0
 """Distance of the camera from the vehicle without and with a ground, lengths of the vehicle."""
 _EYE = np.array([0.72, 0.58, 0.6])
@@ -37,6 +42,14 @@ _INK = "#1d2126"
 """Colour of text over the ground, which is bright on a dark page, too."""
 _LABELS = 0.055
 """Least distance between numbers of LiDARs, in distances of the camera."""
+
+
+def axes_and_posts(vehicle: Vehicle | None) -> str:
+    """Explain the lines of a picture."""
+    length, rack = _AXIS_LENGTHS[has_body(vehicle)], "the rack that LiDARs above the body need"
+    posts_are = f"posts are {rack if has_body(vehicle) else 'the poles'}"
+    axes = f"Lines at a LiDAR are the sensor's axes, {length:g} m long"
+    return f"Drag to turn, scroll to zoom. {axes}; grey {posts_are}."
 
 
 @dataclass(frozen=True)
@@ -79,16 +92,18 @@ def rig_picture(
 
     A rig with a ground is followed by the same one with its worst LiDAR dead, and with the ground
     as detected. A sedan carries them for a `vehicle` of None; LiDARs may sit in `zones`."""
-    plot = figure("LiDARs on the vehicle", height=440, margin={"l": 0, "r": 0, "t": 70, "b": 48})
+    carried = has_body(vehicle)
+    title = "LiDARs on the vehicle" if carried else "LiDARs on poles"
+    plot = figure(title, height=440, margin={"l": 0, "r": 0, "t": 70, "b": 48})
     plot.add_traces(vehicle_in_space(vehicle))
     states = {state: rig for name, rig in rigs.items() for state, rig in _states(name, rig)}
     with_ground = any(rig.ground for rig in states.values())
-    _add_rings(plot, vehicle, with_ground)
+    _add_rings(plot, vehicle, with_ground or not carried)
     if zones:
         _add_zones(plot, zones)
     owner = [""] * len(plot.data)
-    first, length = next(iter(states)), float(np.ptp(extent_of(vehicle)[:, 0])) or 4.0
-    distance = _DISTANCES[with_ground] * length
+    first, length = next(iter(states)), float(np.ptp(extent_of(vehicle)[:, 0]))
+    distance = _DISTANCES[with_ground and carried] * (length if carried else _spread(rigs.values()))
     colours = _colours([rig.ground for rig in rigs.values()])
     colours_as_detected = _colours([rig.detected for rig in rigs.values()])
     for name, rig in states.items():
@@ -112,6 +127,12 @@ def rig_picture(
     )
     changes = [({"visible": [rig_name in ("", name) for rig_name in owner]},) for name in states]
     return add_menu(plot, [text(name) for name in states], changes, y=1)
+
+
+def _spread(rigs: Iterable[PicturedRig]) -> float:
+    """Return the longest side of the region of the poles of rigs, metres."""
+    at = np.array([mount.position[:2] for rig in rigs for mount in rig.mounts])
+    return max(float(np.ptp(at, axis=0).max()), _LEAST_SITE_M)
 
 
 def _states(name: str, rig: PicturedRig) -> list[tuple[str, PicturedRig]]:
@@ -218,9 +239,10 @@ def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None, gap: fl
     if len(carried):
         add_lines(plot, carried, OUTLINE, 8, name="posts")
     at = np.array([mount.position for mount in rig.mounts])
+    length = _AXIS_LENGTHS[has_body(vehicle)]
     for axis, (name, shade) in enumerate(_AXES):
-        ends = at + _AXIS_LENGTH * np.array([mount.rotation[:, axis] for mount in rig.mounts])
-        add_lines(plot, _pairs(at, ends), shade, 6, name=f"sensor's {name}", legendgroup=name)
+        tips = length * np.array([mount.rotation[:, axis] for mount in rig.mounts])
+        add_lines(plot, _pairs(at, at + tips), shade, 6, name=f"sensor's {name}", legendgroup=name)
     models = rig.models
     markers = lidar_markers(len(at), 7)
     if rig.dead is not None:

@@ -48,8 +48,25 @@ def extent_of(vehicle: Vehicle | None) -> NDArray[np.float64]:
 
 
 def name_of(vehicle: Vehicle | None) -> str:
-    """Name the vehicle, as it follows "of"."""
-    return "a sedan" if vehicle is None else "the vehicle"
+    """Name the vehicle, as it follows "of"; one without a body is a site beside the road."""
+    if vehicle is None:
+        return "a sedan"
+    return "the vehicle" if has_body(vehicle) else "the site"
+
+
+def words_of_views(vehicle: Vehicle | None) -> str:
+    """Explain what leads from LiDARs, and which way they look, from above and from the side."""
+    nose = f"the nose of {name_of(vehicle)}" if has_body(vehicle) else "the x axis of the site"
+    return (
+        f"From above, and from the side; {nose} is on the right. A line leads from above to where "
+        "a LiDAR's top leans, from the side to where its front points. x is forward, y to the "
+        "left, z above the ground."
+    )
+
+
+def has_body(vehicle: Vehicle | None) -> bool:
+    """Test if anything carries the LiDARs; without a body they are on poles."""
+    return vehicle is None or bool(len(vehicle.extents))
 
 
 def vehicle_in_space(vehicle: Vehicle | None) -> list[go.Mesh3d | go.Scatter3d]:
@@ -84,12 +101,14 @@ def add_lines(
 
 
 def posts(mounts: Sequence[Mount], vehicle: Vehicle | None) -> NDArray[np.float64]:
-    """Make the posts that carry LiDARs above the body: a line each, broken by NaN, shape (n, 3)."""
+    """Make the posts that carry LiDARs above the body, or the ground without one.
+
+    A line each, broken by NaN, shape (n, 3)."""
     lines = [np.empty((0, 3))]
     for x, y, z in (mount.position.tolist() for mount in mounts):
         top = top_near(vehicle or sedan(), (x, x), (y, y))
-        if top is not None and z > top:
-            lines.append(np.array([[x, y, top], [x, y, z], [np.nan] * 3]))
+        if z > (bottom := top or 0.0):
+            lines.append(np.array([[x, y, bottom], [x, y, z], [np.nan] * 3]))
     return np.concatenate(lines)
 
 

@@ -10,9 +10,15 @@ from plotly.subplots import make_subplots
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.grounds import detected_grounds, ground_note, with_grounds_of_folder
-from tracking.figures.kit.rig_picture import AXES_AND_POSTS, PicturedRig, rig_picture
+from tracking.figures.kit.rig_picture import PicturedRig, axes_and_posts, rig_picture
 from tracking.figures.kit.style import OUTLINE, QUIET, figure, lidar_colour, symbol, text
-from tracking.figures.kit.vehicle_lines import extent_of, name_of, posts, vehicle_outline
+from tracking.figures.kit.vehicle_lines import (
+    extent_of,
+    has_body,
+    posts,
+    vehicle_outline,
+    words_of_views,
+)
 from tracking.findings.failures import Failures
 from tracking.labels import digits
 from tracking.pages.section import Section
@@ -42,7 +48,8 @@ def picture_section(recommended: Recommendation, pair: Failures | None) -> Secti
     if pair is not None:
         for name, ground in detected_grounds(pair).items():
             rigs[name] = replace(rigs[name], detected=ground)
-    notes = [f"Choose one of the best rigs in the menu. {AXES_AND_POSTS}", ground_note(rigs)]
+    words = axes_and_posts(run.sweep.body)
+    notes = [f"Choose one of the best rigs in the menu. {words}", ground_note(rigs)]
     picture = rig_picture(rigs, run.sweep.body)
     return Section("The rigs", [*filter(None, notes)], [picture], place="picture")
 
@@ -50,12 +57,9 @@ def picture_section(recommended: Recommendation, pair: Failures | None) -> Secti
 def rigs_section(recommended: Recommendation) -> Section:
     """Draw the best rigs side by side, from above and from the side, with mounts and models."""
     run, names = recommended.run, recommended.drawn
-    note = (
-        f"From above, and from the side; the nose of {name_of(run.sweep.body)} is on the right. A "
-        "line leads from above to where a LiDAR's top leans, from the side to where its front "
-        "points; grey posts carry LiDARs above the body. x is forward, y to the left, z above the "
-        "ground."
-    )
+    body = run.sweep.body
+    grey = "posts carry LiDARs above the body" if has_body(body) else "lines are the poles"
+    note = f"{words_of_views(body)} Grey {grey}."
     section = Section("Where the LiDARs sit", [note])
     if left := len(recommended.best.sure) - len(names):
         more = f"{left} more {'is' if left == 1 else 'are'} in the report"
@@ -107,7 +111,9 @@ def rig_views(rigs: Sequence[Viewed], vehicle: Vehicle | None) -> list[go.Figure
 
 
 def _reach(mounts: Sequence[Mount], vehicle: Vehicle | None) -> Mapping[str, tuple[float, float]]:
-    """Find the range along x, y and z that holds the vehicle and every mount, metres."""
+    """Find the range along x, y and z that holds the vehicle and every mount, metres.
+
+    Without a vehicle it holds the ground, too."""
     at = np.array([mount.position for mount in mounts] + extent_of(vehicle).tolist())
     low, high = at.min(axis=0) - _AROUND, at.max(axis=0) + _AROUND
     return {axis: (float(low[i]), float(high[i])) for i, axis in enumerate("xyz")}

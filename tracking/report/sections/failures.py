@@ -47,9 +47,9 @@ def counted_failures(failures: Failures) -> Section:
         "Each object of each test frame counts, found at KITTI's strict IoU of its class "
         f"({ious}). Numbers are means over the seeds, of which the same one is compared "
         "under both rigs. Occlusion is KITTI's three levels, by the share of the object that an "
-        "ideal sensor on the roof sees; height is that of the object. Intervals are for each row "
-        "by itself, over seeds and over which routes and individuals the frames met; the largest "
-        "of many differences is partly chance.",
+        "ideal sensor above the middle sees; height is that of the object. Intervals are for each "
+        "row by itself, over seeds and over which routes and individuals the frames met; the "
+        "largest of many differences is partly chance.",
     ]
     for by in DIMENSIONS:
         of_dimension = counts[counts["by"] == by]

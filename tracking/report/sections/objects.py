@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
+from tracking.figures.kit.vehicle_lines import name_of
 from tracking.findings.groups import Group, by_setting, has_detectors
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.findings.summary import seed_means
@@ -123,8 +124,8 @@ def by_sector_section(analysis: Analysis) -> Section | None:
     if run.sector is None or run.sector.empty:
         return None
     note = (
-        "Test frames, sectors of 45 degrees around the vehicle; an object is in that of its "
-        "centre. Recall: means over seeds ± standard deviation."
+        f"Test frames, sectors of 45 degrees around {name_of(run.sweep.body)}; an object is in "
+        "that of its centre. Recall: means over seeds ± standard deviation."
     )
     section = Section("Objects by their direction", [note])
     for label, rows in means_by_bin(run, analysis.groups, run.sector, SECTOR, _METRIC):
