@@ -42,16 +42,16 @@ from lidarplace.scenes.site import Obstacles, Site
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.commands.run import run
 
-SCENE: dict[str, Any] = {"seed": 1, "density": 120, "frames_per_route": 10, "frame_stride": 40}
-SCENE |= {"routes": 10, "test_routes": 10}
-SIDE_M, HEIGHT_M, APART_M, KERB_M = 30.0, 5.0, 7.0, 2.5
-MODEL, SHARE, MOST, DRAWS = "pandar40p", 0.25, 4, 3
+SCENE: dict[str, Any] = {"seed": 1, "density": 120, "frames_per_route": 8, "frame_stride": 40}
+SCENE |= {"routes": 10, "test_routes": 8}
+SIDE_M, HEIGHT_M, APART_M, KERB_M = 24.0, 5.0, 6.0, 2.5
+MODEL, SHARE, MOST, DRAWS = "pandar40p", 0.2, 4, 2
 RULES = ("objective", "gain", "corners")
 
 
 def kerbs(around: Obstacles) -> NDArray[np.float64]:
     """Places for poles: near a lane, on none and in no building, `APART_M` apart, shape (n, 2)."""
-    steps = np.arange(-SIDE_M + 6, SIDE_M - 5, 1.0)
+    steps = np.arange(1.0 - SIDE_M, SIDE_M, 1.0)
     places: list[tuple[float, float]] = []
     near_kerb = Obstacles(around.buildings, around.lanes + np.array([0, 0, 0, KERB_M, KERB_M]))
     for x, y in sorted(((x, y) for x in steps for y in steps), key=lambda at: math.hypot(*at)):
@@ -106,7 +106,7 @@ def evaluated(folder: Path, name: str, sets: dict[str, list[int]], test_seed: in
         | {"sampling_error": False},
         "evaluator": "generalist",
         "training": {"checkpoint": "pretrained"},
-        "generalist": {"rigs": trained, "rigs_per_frame": 2, "epochs": 3},
+        "generalist": {"rigs": trained, "rigs_per_frame": 2, "epochs": 2},
         "placements": placements,
         "grid": {"placement": [key for key in sets if key not in trained]},
         "output": str(folder),
@@ -126,20 +126,20 @@ def predictor(objects: pd.DataFrame) -> dict[str, NDArray[np.float64]]:
     for name, of_class in objects.groupby("class"):
         x, y = np.log1p(of_class["points"].to_numpy()), of_class["found"].to_numpy(bool)
 
-        def loss(w: NDArray[np.float64], x=x, y=y) -> float:
-            margin = np.where(y, 1, -1) * (w[0] + w[1] * x)
-            return float(np.logaddexp(0, -margin).mean() + 1e-3 * (w**2).sum())
-
-        curves[str(name)] = minimize(loss, np.zeros(2)).x
+        curves[str(name)] = minimize(_loss, np.zeros(2), args=(x, np.where(y, 1, -1))).x
     return curves
+
+
+def _loss(w: NDArray[np.float64], x: NDArray[np.float64], side: NDArray[np.int64]) -> float:
+    return float(np.logaddexp(0, -side * (w[0] + w[1] * x)).mean() + 1e-3 * (w**2).sum())
 
 
 def by_route(objects: pd.DataFrame, names: list[str]) -> NDArray[np.float64]:
     """Recall of all objects without each route in turn, and at last with all, percent."""
     rows = objects[objects["placement"].isin(names)]
     sums = rows.groupby("route")["found"].agg(["sum", "count"])
-    without = (sums.sum() - sums).assign(recall=lambda s: s["sum"] / s["count"])["recall"]
-    return 100 * np.append(without, sums["sum"].sum() / sums["count"].sum())
+    left, whole = sums.sum() - sums, sums.sum()
+    return 100 * np.append(left["sum"] / left["count"], whole["sum"] / whole["count"])
 
 
 def interval(values: NDArray[np.float64]) -> str:
@@ -156,13 +156,16 @@ def main(folder: Annotated[Path, typer.Argument(help="folder for runs and the st
     site, scene, random = Site(), SumoScene(**SCENE), np.random.default_rng(0)
     places = kerbs(obstacles_around(scene, site))
     (folder / "places.yaml").write_text(yaml.safe_dump(places.tolist()))
-    draw = lambda: random.permutation(len(places))[: random.integers(1, MOST + 1)].tolist()  # noqa: E731
-    trained = {f"trained_{i}": draw() for i in range(12)}
-    predicted = {f"predictor_{i}": draw() for i in range(8)}
+    numbers = [*range(1, MOST + 1)] * 4
+    draws = [random.permutation(len(places))[:number].tolist() for number in numbers]
+    trained = {f"trained_{i}": draw for i, draw in enumerate(draws[:10])}
+    predicted = {f"predictor_{i}": draw for i, draw in enumerate(draws[10:15])}
     curves = predictor(evaluated(folder, "predictor", trained | predicted, 101))
 
     lidar = SensorSettings(name=MODEL).lidar().thinned(SHARE)
-    candidates = [Placement(f"{i}", [Mount(*at, HEIGHT_M)], lidar) for i, at in enumerate(places)]
+    candidates = [
+        Placement(f"{i}", [Mount(at[0], at[1], HEIGHT_M)], lidar) for i, at in enumerate(places)
+    ]
     log = scene_parts(scene.model_copy(update={"seed": 1, "test_seed": 202}), site)
     choice = join_logs([part.recording.record() for part in log if "test" in part.splits])
     roi = Roi((-SIDE_M, SIDE_M), (-SIDE_M, SIDE_M), (0, 4), 0.8)

@@ -6,7 +6,6 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import pandas as pd
 from pydantic import Field, field_validator, model_validator
 
 from lidarplace.base.class_names import IGNORE
@@ -96,15 +95,19 @@ class LogScene(Settings):
         """Count training and test frames, those at a site if there is one.
 
         Raises ValueError: a log without poses cannot have a site."""
-        train, test = self._frames
-        if site is not None:
-            train, test = train[near(train, site)], test[near(test, site)]
-        return int((train["split"] == "train").sum()), int((test["split"] == "test").sum())
+        return self._frame_counts if site is None else self._counts(site)
 
     @cached_property
-    def _frames(self) -> tuple[pd.DataFrame, pd.DataFrame]:
-        frames = read_frames(self.folder)
-        return frames, frames if self.test_folder is None else read_frames(self.test_folder)
+    def _frame_counts(self) -> tuple[int, int]:
+        return self._counts(None)
+
+    def _counts(self, site: Site | None) -> tuple[int, int]:
+        tests, counts = self.test_folder or self.folder, []
+        for split, folder in zip(SPLITS, (self.folder, tests), strict=True):
+            frames = read_frames(folder)
+            frames = frames if site is None else frames[near(frames, site)]
+            counts.append(int((frames["split"] == split).sum()))
+        return counts[0], counts[1]
 
     @property
     def real_clouds(self) -> Path:

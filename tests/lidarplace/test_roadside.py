@@ -17,6 +17,7 @@ from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.scenes.kinds import obstacles_around, scene_parts
 from lidarplace.scenes.site import Site, near, seen_from
 from lidarplace.scenes.sumo.settings import SumoScene
+from tests.lidarplace.driven_past import POSES, driven_past
 from tests.refused import refused
 
 STANDING = Vehicle("nothing", np.empty((0, 2, 3)))
@@ -27,43 +28,11 @@ SCENE = SumoScene(
 )
 
 
-def driven_past(poses) -> BoxLog:
-    """A log of a car that drives past a parked one and a tree, at known places of the world.
-
-    `poses`: x, y, z, roll, pitch, yaw of the recording vehicle by frame."""
-    parked = {"A": (30.0, 10.0, 1.0, 0.3), "B": (40.0, -5.0, 1.0, -2.0)}
-    boxes, frames = [], []
-    for frame, (x, y, z, roll, pitch, yaw) in enumerate(poses):
-        place = {"scene": "s", "frame": frame, "timestamp_s": frame / 10}
-        pose = {"ego_x": x, "ego_y": y, "ego_yaw": yaw, "ego_z": z}
-        pose |= {"ego_roll": roll, "ego_pitch": pitch}
-        frames.append(place | {"route": 0, "split": "train"} | pose)
-        # World to ego by its inverse: one elementary turn after the other.
-        for name, (wx, wy, wz, heading) in parked.items():
-            u, v, w = wx - x, wy - y, wz - z
-            u, v = u * math.cos(yaw) + v * math.sin(yaw), v * math.cos(yaw) - u * math.sin(yaw)
-            u, w = (
-                u * math.cos(pitch) - w * math.sin(pitch),
-                u * math.sin(pitch) + w * math.cos(pitch),
-            )
-            v, w = v * math.cos(roll) + w * math.sin(roll), w * math.cos(roll) - v * math.sin(roll)
-            of_box = dict(zip(GEOMETRY, (u, v, w, 4.0, 2.0, 1.5, heading - yaw), strict=True))
-            boxes.append(place | {"object_id": name, "class": "Car"} | of_box)
-    return BoxLog(pd.DataFrame(boxes), pd.DataFrame(frames))
-
-
-POSES = [
-    (-90.0, 0.0, 2.0, 0.0, 0.0, 0.1),
-    (25.0, 2.0, 2.5, 0.02, -0.05, 0.4),
-    (50.0, 1.0, 3.0, 0, 0, -3),
-]
-
-
 def test_objects_of_a_log_keep_their_place_at_the_site():
     log = seen_from(driven_past(POSES), Site(x=30.0, y=0.0, yaw_deg=90.0))
     assert log.frames["frame"].tolist() == [1, 2]  # the first frame is 120 m away
     # The x axis of the site is the y axis of the world; its ground is that of the nearest frame.
-    for name, expected in {"A": (10.0, 0.0, -1.5), "B": (-5.0, -10.0, -1.5)}.items():
+    for name, expected in {"A": (10.0, 0.0, -1.75), "B": (-5.0, -10.0, -1.75)}.items():
         own = log.boxes[log.boxes["object_id"] == name]
         assert own[["x", "y", "z"]].to_numpy() == pytest.approx(np.tile(expected, (2, 1)))
     a = log.boxes.loc[log.boxes["object_id"] == "A", "yaw"]

@@ -1,0 +1,131 @@
+"""Sweeps and searches of a site: no vehicle, frames near to it, poles in no wall and no lane."""
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+import yaml
+
+from lidarplace.configuration.answer import as_requirements, studio_content
+from lidarplace.logs.box_log import join_logs, write_box_log
+from sweeps.configuration.grid import read_sweep
+from sweeps.plan.plan import read_plan
+from sweeps.search.problem.problem import read_problem
+from tests.lidarplace.driven_past import driven_past
+from tests.refused import refused
+from tests.sweeps.small_log import SMALL, TOWN
+
+POSES = [(x, 2.0, 0.0, 0.0, 0.0, 0.1) for x in (-60.0, 5.0, 15.0, 25.0, 35.0, 45.0)]
+POLE = {"mounts": [{"x": 8, "y": 12, "z": 6}]}
+BODY = [[[-2, -1, 0], [2, 1, 1]]]
+KERB = {"polygon": [[7, 11], [9, 11], [9, 13], [7, 13]], "z": [5, 8]}
+
+
+def write(path, **keys):
+    at_town = {"site": {}, "scene": TOWN, "detector": None, "output": str(path / "runs")}
+    grid = {"placements": {"pole": POLE}, "placement": "pole"}
+    (path / "grid.yaml").write_text(yaml.safe_dump(SMALL | at_town | grid | keys))
+    return path / "grid.yaml"
+
+
+def write_log(folder, poses=POSES):
+    """Half of the frames train, half test."""
+    log = driven_past(poses)
+    split = ["train" if frame % 2 == 0 else "test" for frame in log.frames["frame"]]
+    write_box_log(folder, replace(log, frames=log.frames.assign(split=split)))
+    return {"source": "log", "folder": str(folder)}
+
+
+def scores(path) -> pd.DataFrame:
+    """Surrogates of a sweep, whose tasks are run one after the other."""
+    _, plan = read_plan(path)
+    results = {}
+    for task in plan.tasks:
+        results[task.key] = task.stage.run(*(results[one.key] for one in task.inputs))
+    tables = [results[task.key].table for trial in plan.trials for task in trial.scores]
+    return pd.concat(tables)[["class", "surrogate", "value"]].reset_index(drop=True)
+
+
+def test_a_log_is_seen_from_a_site(tmp_path):
+    scene = write_log(tmp_path / "log")
+    site = {"x": 30.0, "y": 0.0}
+    sweep, plan = read_plan(write(tmp_path, scene=scene, site=site))
+    (point,) = sweep.points
+    assert point.point.frame_counts() == (2, 3)
+    assert any("1 of 6 frames are left out" in caution for caution in plan.cautions)
+    assert not len(point.vehicle.extents)
+    values = scores(tmp_path / "grid.yaml").set_index("surrogate")["value"]
+    assert values["covered_entropy"] > 0
+    with refused("no train frame has the recording vehicle within 30 m"):
+        read_sweep(write(tmp_path, scene=scene, site={"x": 30.0, "y": 500.0}))
+    with refused("recorded clouds are of the vehicle"):
+        read_plan(write(tmp_path, scene=scene | {"clouds": "recorded"}, site=site))
+
+
+def test_a_site_is_the_sweep_of_a_standing_vehicle_without_a_body(tmp_path):
+    """To the last bit, with the log of the site as that of the vehicle."""
+    site, standing = (tmp_path / name for name in ("site", "standing"))
+    for folder in (site, standing):
+        folder.mkdir()
+    names = {"resolution": 0.8, "accuracy": False, "sampling_error": False}
+    surrogate = {"surrogate": names | {"names": ["s_mig", "expected_points", "expected_recall"]}}
+    _, plan = read_plan(write(site, **surrogate))
+    values = scores(site / "grid.yaml")
+    logs = [task.stage.run() for task in plan.tasks if task.stage.name == "scene"]
+    write_box_log(standing / "log", join_logs(logs))
+    scene = {"source": "log", "folder": str(standing / "log"), "seed": TOWN["seed"]}
+    again = scores(write(standing, scene=scene, site=None, vehicle=[], **surrogate))
+    pd.testing.assert_frame_equal(values, again, check_exact=True)
+    assert (values["value"] != 0).all()
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({"vehicle": BODY}, ("grid.yaml", "site", "")),
+        ({"site": {"x": 5.0}}, ("grid.yaml", "site.y", "")),
+        ({"site": {"x": 9000.0, "y": 0.0}}, ("grid.yaml", "site", "")),
+        ({"scene": TOWN | {"min_travel_m": 1.0}}, ("grid.yaml", "scene.min_travel_m", "1")),
+        ({"placements": {"pole": {"mounts": [{"x": 8, "y": 12, "z": 16}]}}}, "expected 0.* 15"),
+        ({"placements": {"pole": {"mounts": [{"x": 0, "y": 0, "z": 3}]}}}, "way of vehicles"),
+    ],
+)
+def test_a_site_that_cannot_be_is_one_line(tmp_path, keys, expected):
+    with refused(expected):
+        read_sweep(write(tmp_path, **keys))
+
+
+def test_a_vehicle_without_a_body_may_be_named(tmp_path):
+    (point,) = read_sweep(write(tmp_path, vehicle=[])).points
+    assert not len(point.vehicle.extents)
+
+
+def search(path, **settings):
+    own = {"lidars": 1, "zones": {"kerb": KERB}, "objective": "covered_entropy", "trials": 4}
+    keys = SMALL | {"site": {}, "scene": TOWN, "output": str(path / "runs"), "robustness": None}
+    (path / "search.yaml").write_text(yaml.safe_dump(keys | {"search": own | settings}))
+    return path / "search.yaml"
+
+
+def test_a_search_of_poles_has_no_vehicle(tmp_path):
+    problem = read_problem(search(tmp_path))
+    assert not len(problem.criteria.carrier.vehicle.extents)
+    assert not len(problem.point({}, {}).vehicle.vehicle().extents)
+    answer = dict(problem.source) | POLE
+    assert as_requirements(answer, tmp_path / "rig.yaml")["vehicle"] == []
+    assert studio_content(answer, {"rig": POLE})["vehicle"] == []
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        ({"vehicle": BODY}, ("search.yaml", "search.vehicle", "")),
+        ({"zones": {"kerb": KERB | {"z": [5, 16]}}}, "zones.kerb.*15"),
+        ({"zones": {"lane": {"x": [-2, 2], "y": [-2, 2], "z": [3, 8]}}}, "zones.lane.*vehicles"),
+        ({"zones": {"over": {"x": [-80, 80], "y": [-80, 80], "z": 5}}}, "zones.over.*building"),
+        ({"fixed": [{"x": 0, "y": 0, "z": 2}]}, "fixed.*vehicles"),
+    ],
+)
+def test_zones_of_poles(tmp_path, settings, expected):
+    with refused(expected):
+        read_problem(search(tmp_path, **settings))
