@@ -277,7 +277,9 @@ def test_rows_in_messages_are_those_of_the_file(tmp_path):
     """After an empty frame of a folder, and after an empty row of a table."""
     frames = {n: json.loads((LABELS / "labelcloud/000.json").read_text()) for n in "789"}
     frames["7"]["objects"] = []
-    frames["9"]["objects"].append(frames["9"]["objects"][0] | {"dimensions": dict.fromkeys(SIZE, -1.0)})
+    frames["9"]["objects"].append(
+        frames["9"]["objects"][0] | {"dimensions": dict.fromkeys(SIZE, -1.0)}
+    )
     for name, content in frames.items():
         (tmp_path / f"{name}.json").write_text(json.dumps(content))
     mapping = parse_yaml(propose_mapping(LABELS / "labelcloud")) | {"yaw": {}}

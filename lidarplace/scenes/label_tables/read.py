@@ -135,10 +135,10 @@ def read_labels(
 
     A row that has drive and time but nothing of a box is a frame, which may be empty."""
     columns = mapping.columns
-    if mapping.yaw.is_open:
-        problem = "clockwise and counterclockwise fit the values"
-        expected, fix = "one of the two", "--preview PAGE draws both"
-        raise InputError(problem, key="yaw.sense", expected=expected, found="no value", fix=fix)
+    if len(candidates := mapping.candidates()) > 1:
+        problem = f"{' and '.join(candidates)} fit the values"
+        key, fix = "yaw.sense" if mapping.yaw.is_open else "anchor", "--preview PAGE draws both"
+        raise InputError(problem, key=key, expected="one of the two", fix=fix)
     check_mapped(table, {f"columns.{key}": name for key, name in names_in(columns).items()}, source)
     if columns.drive is None and FOLDER in table and len(set(table[FOLDER])) > 1:
         problem = f"{len(set(table[FOLDER]))} folders of frames, but no drive"
@@ -209,9 +209,7 @@ def _check_objects(boxes: pd.DataFrame, mapping: TableMapping, source: str) -> N
     if twice.any():
         box, name = boxes[twice].iloc[0], row_name(boxes[twice], 0)
         problem = f"{percent(twice.mean(), '.1f')} of the rows repeat an object in its frame, the "
-        problem += (
-            f"first is {name} with {box['object_id']!r} of drive {box['scene']!r}"
-        )
+        problem += f"first is {name} with {box['object_id']!r} of drive {box['scene']!r}"
         fix = "change columns.object, columns.drive, or the key of frames: "
         fix += f"{mapping.stamp}, units.time and frames.rate_hz"
         raise InputError(problem, place=source, key=mapping.column("object"), fix=fix)
