@@ -92,7 +92,7 @@ def texts(table: pd.DataFrame, name: str, source: str) -> NDArray[np.object_]:
     """Return a column of text, where names that are whole numbers are text too; (rows,), str."""
     column = table[name].astype(object)
     if (missing := column.isna().to_numpy(bool)).any():
-        place = f"{source}: {row_name(table, np.argmax(missing))}"
+        place = f"{source}: {row_name(table, int(np.argmax(missing)))}"
         raise InputError("missing value", place=place, key=name)
     if pd.api.types.infer_dtype(column) not in ("string", "empty"):
         good = column.map(lambda value: isinstance(value, str | int | np.integer))
@@ -140,7 +140,7 @@ def _number(value: Any) -> Any:
 _NUMBERS = (str, int, float, Decimal, np.integer, np.floating)
 
 
-def row_name(table: pd.DataFrame, row: int | np.integer) -> str:
+def row_name(table: pd.DataFrame, row: int) -> str:
     """Return the label of a row for messages: `row 7`, or a text, as of a row of several files."""
     label = table.index[row]
     return label if isinstance(label, str) else f"row {label}"

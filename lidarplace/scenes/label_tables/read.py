@@ -101,7 +101,7 @@ def _yaws(
         tilted = matrices @ upright @ upright < TILTED
         if tilted.sum() > MOST_TILTED * len(tilted):
             problem = f"{percent(tilted.mean(), '.1f')} are tilted by more than 30 degrees, the "
-            problem += f"first is {row_name(table, np.argmax(tilted))}"
+            problem += f"first is {row_name(table, int(np.argmax(tilted)))}"
             fix = "change which column of the quaternion is x, y, z and w, or axes"
             raise InputError(problem, place=source, key=key, fix=fix)
         return convention.yaws_of(matrices)

@@ -44,7 +44,7 @@ from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep
 from sweeps.search.problem.rig import MountedLidar, Rig, ordered, placement_of
 from sweeps.search.problem.search_config import SearchConfig
 from sweeps.search.problem.slots import Assignment
-from sweeps.search.problem.space import Space, assign_to_slots
+from sweeps.search.problem.space import Space, assign_to_slots, rig_of
 from sweeps.search.problem.training_rigs import rigs_near, training_rigs
 from sweeps.stages.task import Task, plain
 from tracking.run_folders.search_json import UNNAMED
@@ -55,6 +55,8 @@ _ANSWERING = {
     *("detector", "training", "generalist", "mounting_errors", "allow_blind_lidars", "metrics"),
 }
 """Keys, in addition to scene, ROI and classes, that decide the values of trials."""
+ADAPTED = "first_"
+"""Start of names of the rigs that the first round of `search.adapt` chose."""
 _ELSEWHERE = {"trials", "vehicle", "cheapest"}
 """Keys of `search` that do not decide it, or are in its key by their content."""
 
@@ -211,6 +213,18 @@ class SearchProblem(SearchConfig):
         """Raise ValueError if the POG, or surrogates of it, cannot fit into this machine."""
         tasks, trial = self.pog_tasks(self.sweep())
         check_memory([*tasks, trial.surrogates], self.file.ray.address)
+
+    @property
+    def start_rigs(self) -> dict[str, Rig]:
+        """Rigs of `search.start`, with the fixed LiDARs, by name."""
+        return {name: rig_of(start, self.space) for name, start in self.start.items()}
+
+    @property
+    def start_peers(self) -> dict[str, Rig]:
+        """Rigs of `search.start` to compare with; none if it only has the paper's on the sedan."""
+        rigs = {name: rig for name, rig in self.start_rigs.items() if not name.startswith(ADAPTED)}
+        has_own = self.file.search.vehicle is not None or rigs.keys() & self.file.placements.keys()
+        return rigs if has_own else {}
 
     def paper_rigs(self) -> dict[str, Rig]:
         """Return the paper's eight with the LiDAR of the key `lidar`."""
@@ -393,15 +407,17 @@ def _check_traffic(problem: SearchProblem) -> None:
 
 
 def _check_pretrained(problem: SearchProblem) -> None:
-    """Check that the generalist of a file covers rigs of the zones and those of the paper."""
+    """Check that the generalist of a file covers rigs of the zones and those to compare with."""
     if (seeds := len(problem.file.search.seeds)) > 1:
         one = "a pretrained generalist has one seed"
         raise InputError(one, key="search.seeds", expected=1, found=seeds)
-    for name, rig in {**problem.training_rigs, **problem.paper_rigs()}.items():
-        outside = problem.outside(rig, name)
-        if outside is not None:
-            of = f"{name} of the paper" if name in PAPER_PLACEMENTS else "rigs of the zones"
-            raise InputError(f"{of}: {outside}", key="search")
+    compared = problem.start_peers
+    if not compared and problem.file.search.vehicle is None:
+        compared = {f"{name} of the paper": rig for name, rig in problem.paper_rigs().items()}
+    zones = dict.fromkeys(problem.training_rigs, "rigs of the zones")
+    for name, rig in {**problem.training_rigs, **compared}.items():
+        if (outside := problem.outside(rig, name)) is not None:
+            raise InputError(f"{zones.get(name, name)}: {outside}", key="search")
 
 
 def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Assignment]:
