@@ -79,11 +79,9 @@ def _found(run: SearchFolder) -> Card:
     rig, few = search.rigs[name], _few_seeds(run)
     compared = (_against_baseline(search, objective, rig) for objective in search.objectives)
     lines = [*filter(None, compared), *_how_sure(run), *([grade(few)] if few else [])]
-    if search.baseline is not None and search.rigs[search.baseline].role == "paper":
-        if len(search.models) > 1:
-            lines.append(
-                "The paper's rigs have the LiDAR of the key `lidar`, not of search.models."
-            )
+    of_paper = search.baseline is not None and search.rigs[search.baseline].role == "paper"
+    if of_paper and len(search.models) > 1:
+        lines.append("The paper's rigs have the LiDAR of the key `lidar`, not of search.models.")
     lines += _against_bound(search)
     count = len(search.constraints)
     constraints_kept = (
