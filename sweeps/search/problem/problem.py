@@ -18,6 +18,7 @@ from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.placement import MountSettings
+from lidarplace.configuration.sensor import LOSSES
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.vehicle import zone_in_body
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
@@ -57,6 +58,8 @@ _ANSWERING = {
 """Keys, in addition to scene, ROI and classes, that decide the values of trials."""
 ADAPTED = "first_"
 """Start of names of the rigs that the first round of `search.adapt` chose."""
+OF_ALL_LIDARS = ("cloud_share", *LOSSES)
+"""Keys of `lidar` that also hold for LiDARs with a model."""
 _ELSEWHERE = {"trials", "vehicle", "cheapest"}
 """Keys of `search` that do not decide it, or are in its key by their content."""
 
@@ -254,7 +257,8 @@ def _problem(source: dict[str, Any], path: Path) -> SearchProblem:
     weather = file.weather.weather()
     lidar = file.lidar.lidar().in_weather(weather)
     chosen = {
-        name: model.lidar().in_weather(weather) for name, model in settings.models.items()
+        name: model.lidar(file.lidar.losses).in_weather(weather)
+        for name, model in settings.models.items()
     } or {UNNAMED: lidar}
     fixed = [
         MountedLidar(f.model or next(iter(chosen)), "", Mount(*f.pose)) for f in settings.fixed
@@ -264,7 +268,7 @@ def _problem(source: dict[str, Any], path: Path) -> SearchProblem:
     models = chosen | {UNNAMED: lidar}
     _check_body(file, space, fixed, models)
     for key in file.verify.set if settings.models and file.verify is not None else ():
-        if key.partition(".")[0] == "lidar" and key != "lidar.cloud_share":
+        if key.startswith("lidar.") and key.removeprefix("lidar.") not in OF_ALL_LIDARS:
             problem = "changes only the paper's rigs; the others have a model of search.models"
             raise InputError(problem, key=f"verify.set.{key}")
     criteria = Criteria(
@@ -441,9 +445,9 @@ def _model_of(file: SearchFile, number: int, mount: MountSettings) -> str:
     """Return the name of the model that a mount has; "" for a mount without a LiDAR."""
     if mount.lidar is None:
         return ""
-    models = {name: model.lidar() for name, model in file.search.models.items()}
-    models = models or {UNNAMED: file.lidar.lidar()}
-    name = next((name for name, model in models.items() if model == mount.lidar.lidar()), None)
+    losses, models = file.lidar.losses, file.search.models or {UNNAMED: file.lidar}
+    lidar = mount.lidar.lidar(losses)
+    name = next((name for name, model in models.items() if model.lidar(losses) == lidar), None)
     if name is None:
         problem = f"LiDAR {number} is none of search.models"
         raise InputError(problem, expected=f"one of {', '.join(models)}")
