@@ -217,7 +217,7 @@ class SensorSettings(Settings):
 
     def lidar(self, losses: Losses = ()) -> Lidar:
         """Return the sensor in radians, built once, with those `losses` that its settings lack."""
-        lacking = {key: value for key, value in losses if key not in self.model_fields_set}
+        lacking: dict[str, Any] = {k: v for k, v in losses if k not in self.model_fields_set}
         return replace(self._built, **lacking) if lacking else self._built
 
     @cached_property

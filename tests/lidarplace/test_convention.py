@@ -170,7 +170,7 @@ def test_other_conventions_are_refused_with_the_keys_that_mend_them(tmp_path):
         (
             "columns",
             {**guess["columns"], "yaw": None, "direction": {"x": "cx", "y": "cy"}},
-            "yaw.sense: the headings are no angles; found ",
+            "yaw.sense: applies only to a column yaw; found ",
         ),
         ("convention", "carla", "convention: already decides the axes"),
     ):

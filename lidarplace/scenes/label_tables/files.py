@@ -94,8 +94,8 @@ def _objects(content: Any, path: Path) -> list[dict[str, Any]]:
     if isinstance(content, dict):
         lists = [key for key, value in content.items() if _is_list_of_objects(value)]
         if len(lists) != 1:
-            found = ", ".join(lists) or "none"
-            raise InputError(place=path, expected="one list of objects", found=found)
+            names = ", ".join(lists) or "none"
+            raise InputError(place=path, expected="one list of objects", found=names)
         of_file = _flat({key: value for key, value in content.items() if key != lists[0]})
         content = content[lists[0]]
     if not _is_list_of_objects(content):

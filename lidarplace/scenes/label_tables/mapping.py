@@ -290,7 +290,7 @@ class TableMapping(Settings):
         for key, sense in senses:
             if sense is not None:
                 fix = "remove it: quaternions and directions have no sense of their own"
-                raise InputError("the headings are no angles", key=key, found=sense, fix=fix)
+                raise InputError("applies only to a column yaw", key=key, found=sense, fix=fix)
 
     @property
     def stamp(self) -> str:

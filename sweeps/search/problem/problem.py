@@ -1,7 +1,6 @@
 """The configuration of a search, read, validated and prepared."""
 
 import hashlib
-import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,6 @@ from lidarplace.base.metrics import METRICS
 from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
-from lidarplace.configuration.placement import MountSettings
 from lidarplace.configuration.sensor import LOSSES
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.vehicle import zone_in_body
@@ -45,7 +43,8 @@ from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep
 from sweeps.search.problem.rig import MountedLidar, Rig, ordered, placement_of
 from sweeps.search.problem.search_config import SearchConfig
 from sweeps.search.problem.slots import Assignment
-from sweeps.search.problem.space import Space, assign_to_slots, rig_of
+from sweeps.search.problem.space import Space, rig_of
+from sweeps.search.problem.start import start_of
 from sweeps.search.problem.training_rigs import rigs_near, training_rigs
 from sweeps.stages.task import Task, plain
 from tracking.run_folders.search_json import UNNAMED
@@ -264,7 +263,7 @@ def _problem(source: dict[str, Any], path: Path) -> SearchProblem:
         MountedLidar(f.model or next(iter(chosen)), "", Mount(*f.pose)) for f in settings.fixed
     ]
     space = Space(settings, tuple(chosen), fixed)
-    start = {name: _start(file, rigs, name, space) for name in settings.start}
+    start = {name: start_of(file, rigs, name, space) for name in settings.start}
     models = chosen | {UNNAMED: lidar}
     _check_body(file, space, fixed, models)
     for key in file.verify.set if settings.models and file.verify is not None else ():
@@ -422,36 +421,6 @@ def _check_pretrained(problem: SearchProblem) -> None:
     for name, rig in {**problem.training_rigs, **compared}.items():
         if (outside := problem.outside(rig, name)) is not None:
             raise InputError(f"{zones.get(name, name)}: {outside}", key="search")
-
-
-def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Assignment]:
-    """Assign a placement to the slots; LiDARs without a model get the first of their zones."""
-    settings = file.placements.get(name)
-    with at(key=f"search.start: {name}"):
-        if settings is not None and settings.recorded:
-            raise InputError("has recorded LiDARs", fix="give it mounts")
-        written = settings.mounts if settings is not None else ()
-        mounts = itertools.zip_longest(rigs.of(file, name).mounts, written)
-        fixed = {(lidar.mount.x, lidar.mount.y, lidar.mount.z) for lidar in space.fixed}
-        lidars = [
-            MountedLidar("" if lidar is None else _model_of(file, number, lidar), "", mount)
-            for number, (mount, lidar) in enumerate(mounts, start=1)
-            if (mount.x, mount.y, mount.z) not in fixed
-        ]
-        return assign_to_slots(space, lidars)
-
-
-def _model_of(file: SearchFile, number: int, mount: MountSettings) -> str:
-    """Return the name of the model that a mount has; "" for a mount without a LiDAR."""
-    if mount.lidar is None:
-        return ""
-    losses, models = file.lidar.losses, file.search.models or {UNNAMED: file.lidar}
-    lidar = mount.lidar.lidar(losses)
-    name = next((name for name, model in models.items() if model.lidar(losses) == lidar), None)
-    if name is None:
-        problem = f"LiDAR {number} is none of search.models"
-        raise InputError(problem, expected=f"one of {', '.join(models)}")
-    return name
 
 
 def _without_paths(value: Any) -> Any:
