@@ -81,7 +81,7 @@ def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
 
 
 def check_classes(boxes: pd.DataFrame, source: str) -> None:
-    """Raise ValueError that names the first row whose class is no name of one."""
+    """Raise ValueError that names the first row whose class is not a valid name."""
     try:
         names = boxes["class"].unique()
     except TypeError:  # lists or mappings

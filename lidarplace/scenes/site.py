@@ -30,12 +30,15 @@ from lidarplace.logs.boxes import (
     geometry_of,
 )
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.zone import Zone, grid
 from lidarplace.rigs.placement import Placement
 
 POLE = Range(0.0, 15.0)
 """Height of a LiDAR on a pole or a gantry, metres."""
 TRAFFIC_M = 4.5
 """Height below which a pole on a lane is in the way of vehicles, metres."""
+ZONE_STEP_M = 1.0
+"""Distance of the places of a zone that are checked, metres."""
 RECORDER = "recorder"
 """Start of the id of the recording vehicle as an object of a site."""
 
@@ -103,6 +106,11 @@ class Obstacles:
         """Raise ValueError for the first LiDAR of a rig where no pole or gantry can hold it."""
         for number, mount in enumerate(rig.mounts, start=1):
             self.check_place(mount.position, f"LiDAR {number}", repr(rig.name))
+
+    def check_zone(self, zone: Zone) -> None:
+        """Raise ValueError unless a pole or a gantry can be everywhere in a zone."""
+        for place in grid(zone, ZONE_STEP_M):
+            self.check_place(place, "a part of it")
 
     def check_place(self, position: NDArray[np.float64], name: str, place: str = "") -> None:
         """Raise ValueError unless a pole or a gantry can hold what has this name there."""

@@ -73,7 +73,9 @@ class RoiSettings(Settings):
 
 
 class LidarSettings(SensorSettings):
-    """The LiDAR model of every mount that has none of its own, and how clouds are collected."""
+    """The LiDAR model of every mount without one, and how clouds are collected.
+
+    `range_noise` and `drop_off` also hold for models that lack them, in mounts and searches."""
 
     profile: Literal[tuple(PROFILES)] = Field(  # type: ignore[valid-type]
         "paper",

@@ -25,7 +25,8 @@ A sweep over LiDAR placements: one parent run, and a child run for every trained
 
 - Metrics: `surrogate.NAME.CLASS` of the placement; `AP_R40_3D.CLASS.IOU`, `AP_R40_BEV.CLASS.IOU`
   and `recall.CLASS.IOU` in percent on test frames; `seconds` of training and evaluation;
-  `requirement.NAME`, what there is of it in terms of what is needed, and `requirements_failed`.
+  `requirement.NAME`, what there is of it in terms of what is needed, `requirements_failed` and
+  `requirements_open`.
 - Tags to filter by: `tags.placement = 'line'`, `tags.detector`, `tags.seed`, `tags.density`,
   `tags.scene`, and the axes of the grid, in backquotes: ``tags.`scene.density` = '80'``.
 - The parent run has the command, the configuration, the report and the tables; a child run has the
