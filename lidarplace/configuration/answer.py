@@ -40,9 +40,8 @@ def as_requirements(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return an answer as a file of `lidarplace requirements`."""
     search, curves = _search_of(raw), (raw.get("surrogate") or {}).get("curves")
     shared = {key: search[key] for key in ("vehicle", "keep_out", "requirements") if key in search}
-    return {"placements": {path.stem: rig_of(raw)}, **shared} | (
-        {"curves": curves} if curves else {}
-    )
+    content = {"placements": {path.stem: rig_of(raw)}, **shared}
+    return content | ({"curves": curves} if curves else {})
 
 
 def as_rigs(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
