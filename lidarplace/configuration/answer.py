@@ -40,7 +40,7 @@ def as_requirements(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Return an answer as a file of `lidarplace requirements`."""
     search, curves = _search_of(raw), (raw.get("surrogate") or {}).get("curves")
     shared = {key: search[key] for key in ("vehicle", "keep_out", "requirements") if key in search}
-    content = {"placements": {path.stem: rig_of(raw)}, **shared}
+    content: dict[str, Any] = {"placements": {path.stem: rig_of(raw)}} | shared
     return content | ({"curves": curves} if curves else {})
 
 
