@@ -102,7 +102,7 @@ def datasets(trial: DetectorTrial) -> list[Dataset]:
     """List the frames that a trial was trained and tested on; the digest is the store's key."""
     contexts: tuple[Literal["train", "test"], ...] = ("train", "test")
     collected, frames_of_trial = (trial.learns.inputs, trial.collect_test), []
-    counts = trial.grid_point.point.scene.frame_counts()
+    counts = trial.grid_point.point.frame_counts()
     for context, tasks, frames in zip(contexts, collected, counts, strict=True):
         of_split = (task for task in tasks if getattr(task.stage, "split", None) == context)
         scenes = [task.inputs[0] for task in of_split]
