@@ -32,6 +32,14 @@ from lidarplace.scenes.sanity_checks.copies import copied_test_frames
 from lidarplace.scenes.site import Site, near, seen_from
 
 
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """Tables of frames; as one object, because tables in settings cannot be compared."""
+
+    train: pd.DataFrame
+    test: pd.DataFrame
+
+
 class LogScene(Settings):
     """A box log on disk, as `lidarplace.logs.box_log.write_box_log` writes it."""
 
@@ -96,15 +104,17 @@ class LogScene(Settings):
         """Count training and test frames, those at a site if there is one.
 
         Raises ValueError: a log without poses cannot have a site."""
-        train, test = self._frames
+        train, test = self._frames.train, self._frames.test
         if site is not None:
             train, test = train[near(train, site)], test[near(test, site)]
         return int((train["split"] == "train").sum()), int((test["split"] == "test").sum())
 
     @cached_property
-    def _frames(self) -> tuple[pd.DataFrame, pd.DataFrame]:
+    def _frames(self) -> _Frames:
         frames = read_frames(self.folder)
-        return frames, frames if self.test_folder is None else read_frames(self.test_folder)
+        return _Frames(
+            frames, frames if self.test_folder is None else read_frames(self.test_folder)
+        )
 
     @property
     def real_clouds(self) -> Path:
