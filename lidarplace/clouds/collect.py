@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -249,7 +250,12 @@ def _moments(lidar: Lidar, timing: ScanTiming, key: tuple[int, int, int]) -> NDA
     phase = timing.phase
     if phase is None:
         phase = np.random.default_rng(key_of(*key, _PHASE)).uniform(0, 2 * math.pi)
-    return timing.moments(lidar.scan_shares(), phase)
+    return timing.moments(_shares(lidar), phase)
+
+
+@lru_cache(maxsize=64)
+def _shares(lidar: Lidar) -> NDArray[np.float64]:
+    return lidar.scan_shares()
 
 
 def _grown(region: Crop, half: float, ego: NDArray[np.float64]) -> Crop:
