@@ -427,29 +427,53 @@ def _enter(lines, facing, ce, se, enter):
 
 @inner
 def _fill_hits(rays, surfaces, faces, moments, nearest, hits):
-    """Turn what every ray meets into hits: range, owner and reflected light."""
+    """Turn what every ray meets into hits: range, owner and reflected light.
+
+    Neighbours that meet the same are one run, whose loops are vector code."""
     beams, (ranges, targets, reflected), (inverses, numbers) = rays.beams, hits, nearest
     steps, high = beams.azimuths.shape[2], height_over_ground(rays, True)
+    least = np.empty(steps)
     for beam in range(len(beams.elevations)):
-        _, ce, se = beams.elevations[beam]
         cosines, sines = along(beams, beam)
         times = moments[beam if len(beams.aimed) else 0]
-        for n in range(steps):
-            ray = beam * steps + n
-            face, inverse = numbers[ray], inverses[ray]
-            if face < 0:
-                ranges[ray] = np.inf if face == NOTHING else 1.0 / inverse
-                reflected[ray] = min(inverse * high, 1.0) if face == GROUND else 0.0
-                targets[ray] = face
+        last, end = beam * steps, (beam + 1) * steps
+        while last < end:
+            first, face = last, numbers[last]
+            while last < end and numbers[last] == face:
+                last += 1
+            inverse, light = inverses[first:last], reflected[first:last]
+            far, target = ranges[first:last], targets[first:last]
+            if face >= 0:
+                part, piece = faces.part[face], slice(first - beam * steps, last - beam * steps)
+                run = cosines[piece], sines[piece], times[piece], faces.centre[face]
+                of_face = faces.planes[face], faces.facing[face]
+                _fill_cosines(of_face, beams.elevations[beam], run, inverse, least, light)
+                target[:], bright = surfaces.owner[part], surfaces.reflectivity[part]
+                for n in range(len(light)):
+                    far[n], light[n] = 1.0 / inverse[n], min(light[n], 1.0) * bright
                 continue
-            # The plane of the least inverse distance, toward / distance, of those that face.
-            cosine, away, t = np.inf, 1.0, times[n] - faces.centre[face]
-            ray_line = ce * cosines[n], ce * sines[n], se
-            for k in range(faces.facing[face]):
-                plane = faces.planes[face, k]
-                toward, distance = _toward(plane, t, ray_line), plane[6] + t * plane[7]
-                if distance > 0.0 and toward * away < cosine * distance:
-                    cosine, away = toward, distance
-            part = faces.part[face]
-            ranges[ray], targets[ray] = 1.0 / inverse, surfaces.owner[part]
-            reflected[ray] = min(cosine, 1.0) * surfaces.reflectivity[part]
+            target[:], up = face, high if face == GROUND else 0.0
+            for n in range(len(light)):
+                far[n] = np.inf if face == NOTHING else 1.0 / inverse[n]
+                light[n] = min(inverse[n] * up, 1.0)
+
+
+@inner
+def _fill_cosines(face, beam, run, inverse, least, cosines):
+    """Fill the cosines of incidence of a run of rays on a part.
+
+    They are of the plane that the ray meets where it enters: of those that face the sensor and are
+    not beyond. `least` is memory."""
+    planes, facing = face
+    (_, ce, se), (across, aside, times, centre) = beam, run
+    least[: len(times)] = np.inf
+    for k in range(facing):
+        plane = planes[k]
+        for n in range(len(times)):
+            t = times[n] - centre
+            cosine = _toward(plane, t, (ce * across[n], ce * aside[n], se))
+            distance = plane[6] + t * plane[7]
+            beyond = cosine - inverse[n] * distance
+            nearer = (distance > 0.0) & (beyond < least[n])
+            least[n] = beyond if nearer else least[n]
+            cosines[n] = cosine if nearer else cosines[n]
