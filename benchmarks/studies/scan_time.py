@@ -101,7 +101,7 @@ def values(
     tested: tuple[BoxLog, pd.DataFrame],
     trained: tuple[BoxLog, pd.DataFrame] | None,
     timing: ScanTiming | None,
-    placements: list[str],
+    placements: list[str] | None,
 ) -> pd.DataFrame:
     """Car AP over IoU of every placement, and without each route; of a log and some frames."""
     generalist = read_generalist()
@@ -156,8 +156,10 @@ def main(
     out: Path = Path("scan_time.csv"),
     every: Annotated[int, typer.Option(help="frames between two that are evaluated")] = 1,
     train: Annotated[Path | None, typer.Option(help="log on which the generalist goes on")] = None,
-    placement: Annotated[list[str], typer.Option(help="of the paper's; default: all")] = [],
-    condition: Annotated[list[str], typer.Option(help="after 0 m/s; default: all")] = [],
+    placement: Annotated[
+        list[str] | None, typer.Option(help="of the paper's; default: all")
+    ] = None,
+    condition: Annotated[list[str] | None, typer.Option(help="after 0 m/s; default: all")] = None,
 ) -> None:
     recorded, tables = read_box_log(log), []
     learnt = read_box_log(train) if train else None

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import inlined, inner, njit
-from lidarplace.clouds.convex import Window, fill_corners, plane_of, window_of
+from lidarplace.clouds.convex import Window, fill_corners, fill_planes, plane_of, window_of
 from lidarplace.clouds.raycast import (
     EVERYWHERE,
     GROUND,
@@ -33,6 +33,7 @@ from lidarplace.clouds.raycast import (
     height_over_ground,
     is_apart,
     is_between,
+    meet_part,
     rays_of,
     runs,
     start_nearest,
@@ -93,7 +94,7 @@ def cast_moving(
     return hits
 
 
-def poses_at(moments: NDArray[np.float64], ego: NDArray[np.float64]) -> NDArray[np.float64]:
+def poses_at(moments: NDArray[np.float64], ego: Sequence[float]) -> NDArray[np.float64]:
     """Return cosine and sine of the yaw of the vehicle at moments, and its x and y.
 
     Of moments of the shape (n, m) they have the shape (n, 4, m)."""
@@ -126,6 +127,7 @@ def _cast(rays, surfaces, moving, crop, ends, hits):
     numbers = np.empty(most, np.int32), np.empty(most, np.int32)
     faces, count = _Faces(np.empty((most, 6, 8)), *numbers, np.empty(most)), 0
     corners, moved, rate, region = np.empty((8, 3)), np.empty(10), np.empty(3), np.empty(6)
+    fixed = np.empty((6, 5))  # planes of what does not move
     memory, pieces = np.empty((13, steps)), np.empty((_MOST_RUNS * _MOST_PIECES, 4))
     half = np.abs(moments).max()
     seam = _seam(moments, half)
@@ -136,8 +138,7 @@ def _cast(rays, surfaces, moving, crop, ends, hits):
         around = _around(box, speed * half, origin, rotation)
         if around.nearest > beams.reach or _is_beyond(box, speed * half, origin, crop):
             continue
-        cuts = half, turn, 0 if speed == 0.0 else seam
-        for n in range(_cut(beams, moments, cuts, around, pieces)):
+        for n in range(_cut(beams, moments, (half, speed, turn, seam), around, pieces)):
             early, late = pieces[n, 2], pieces[n, 3]
             centre, reach = 0.5 * (early + late), 0.5 * (late - early)
             _place(box, motion, part, rides, centre, moved, rate)
@@ -153,7 +154,11 @@ def _cast(rays, surfaces, moving, crop, ends, hits):
             planes = faces.planes[count]
             facing = _fill_planes(moved, rate, (origin, rotation), reach, planes)
             faces.part[count], faces.centre[count], faces.facing[count] = part, centre, facing
-            if facing > 0:
+            if speed == 0.0:
+                facing = fill_planes(box, origin, rotation, fixed)
+                if facing > 0:
+                    meet_part(beams, window, (count, facing, fixed), memory[0], nearest)
+            elif facing > 0:
                 piece = pieces[n], centre
                 _meet(beams, window, (planes, count), (moments, piece), memory, nearest)
             count += 1
@@ -174,10 +179,11 @@ def _cut(beams, moments, cuts, window, pieces):
     """Fill pieces of the scan at which a part may be in a window; return their number.
 
     Of each its first and past the last step, and its first and last moment, shape (n, 4). `cuts`
-    are the largest moment, the yaw rate of the part at most, and the step at the seam."""
-    half, turn, seam = cuts
+    are the largest moment, the speed and the yaw rate of the part at most, and the step at the
+    seam. What does not move is in one piece."""
+    half, speed, turn, seam = cuts
     count = 0
-    if len(beams.aimed):
+    if len(beams.aimed) or speed == 0.0:
         count = _pieces_of(turn * 2.0 * half)
         for n in range(count):
             early, late = 2.0 * n / count - 1.0, 2.0 * (n + 1) / count - 1.0
