@@ -26,11 +26,12 @@ from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.clouds.truncation import truncation
 from lidarplace.clouds.worlds import WorldAround, worlds_of
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import GEOMETRY, POINTS, count_columns
+from lidarplace.logs.boxes import GEOMETRY, POINTS, VIEWPOINT_Z, count_columns
 from lidarplace.mounting.housing import turned
 
 VIEWPOINT = (0.0, 0.0, 2.4)
-"""Above the middle of the vehicle, as high as the lowest LiDAR of the paper's *Center*."""
+"""Above the middle of the vehicle, as high as the lowest LiDAR of the paper's *Center*. A site has
+another height, see `VIEWPOINT_Z`."""
 GRID = (32, 24)
 """Rays over the azimuths and elevations of an object, of which about half meet it: shares come in
 steps below half a percent."""
@@ -52,12 +53,15 @@ def visibility(log: BoxLog, seed: int = 0) -> NDArray[np.float64]:
     surroundings = Surroundings(log, seed)
     geometry = log.boxes[list(GEOMETRY)].to_numpy(np.float64)
     farthest = np.hypot(geometry[:, 0], geometry[:, 1]) + np.hypot(geometry[:, 3], geometry[:, 4])
+    heights = log.frames.reindex(columns=[VIEWPOINT_Z]).fillna(VIEWPOINT[2])[VIEWPOINT_Z]
+    eyes = dict(zip(log.frames["frame"], heights, strict=True))
     share = np.empty(len(geometry))
     for frame in log.boxes["frame"].unique().tolist():
         rows = surroundings.rows(frame)
         parts = surroundings.parts(frame, reach=farthest[rows].max())
         world = surroundings.world(frame)
-        share[rows] = visible_share(VIEWPOINT, parts, len(rows), GRID, world)
+        eye = (*VIEWPOINT[:2], eyes[frame])
+        share[rows] = visible_share(eye, parts, len(rows), GRID, world)
     return share
 
 

@@ -256,10 +256,11 @@ def table(
 
     def read(ignored: Counter[str]) -> BoxLog:
         if columns is not None:
-            if preview is not None and columns.yaw.is_open:
+            candidates = columns.candidates()
+            if preview is not None and len(candidates) > 1:
                 logs = {
                     name: read_label_table(source, each, Counter())
-                    for name, each in columns.candidates().items()
+                    for name, each in candidates.items()
                 }
                 _draw(logs, source, preview)
             return read_label_table(source, columns, ignored)

@@ -20,7 +20,7 @@ def read_pattern(path: Path, rays_per_frame: int | None) -> ScanPattern:
     """Read the pattern in the columns OURS or LIVOX of a CSV file, again when it was changed.
 
     Without `rays_per_frame` all rows are one frame. Raises ValueError: the file cannot be read, has
-    neither columns, not one frame of rows, or an angle that is no number or out of bounds."""
+    neither columns, not one frame of rows, or an angle that is not a number or out of range."""
     with at(key="pattern"), at(path):
         try:
             status = regular(path).stat()

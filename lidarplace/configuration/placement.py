@@ -12,7 +12,7 @@ from lidarplace.base.errors import InputError, at
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings, further_sensors
 from lidarplace.configuration.pose import PoseSettings
-from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.sensor import Losses, SensorSettings
 from lidarplace.configuration.settings import Name, Settings, short_for, validated
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.rigs.further_sensors import MountedSensor
@@ -61,11 +61,11 @@ class PlacementSettings(Settings):
         poses = (mount.pose for mount in mounts)
         return [Mount(*(from_carla(*p) if self.convention == "carla" else p)) for p in poses]
 
-    def placement(self, name: str, lidar: Lidar) -> Placement:
-        """Build the placement in our ego frame, `lidar` on mounts that have none of their own.
+    def placement(self, name: str, lidar: Lidar, losses: Losses = ()) -> Placement:
+        """Build the placement in our ego frame, `lidar` on mounts without a model.
 
-        Raises ValueError as `Placement` does."""
-        return Placement(name, self.in_ego(self.mounts), _lidars(self.mounts, lidar))
+        Models get the `losses` that they lack. Raises ValueError as `Placement` does."""
+        return Placement(name, self.in_ego(self.mounts), _lidars(self.mounts, lidar, losses))
 
 
 class SweptPlacementSettings(PlacementSettings):
@@ -99,15 +99,15 @@ class SweptPlacementSettings(PlacementSettings):
             raise InputError(key="recorded", expected="each LiDAR once", found=names)
         return self
 
-    def placement(self, name: str, lidar: Lidar) -> Placement:
+    def placement(self, name: str, lidar: Lidar, losses: Losses = ()) -> Placement:
         """Build the placement as `PlacementSettings` does, with its dead LiDARs."""
-        lidars = _lidars(self.mounts, lidar)
-        dead = zip(self.in_ego(self.dead), _lidars(self.dead, lidar), strict=True)
+        lidars = _lidars(self.mounts, lidar, losses)
+        dead = zip(self.in_ego(self.dead), _lidars(self.dead, lidar, losses), strict=True)
         return Placement(name, self.in_ego(self.mounts), lidars, tuple(dead))
 
 
-def _lidars(mounts: Sequence[MountSettings], lidar: Lidar) -> list[Lidar]:
-    return [lidar if mount.lidar is None else mount.lidar.lidar() for mount in mounts]
+def _lidars(mounts: Sequence[MountSettings], lidar: Lidar, losses: Losses) -> list[Lidar]:
+    return [lidar if mount.lidar is None else mount.lidar.lidar(losses) for mount in mounts]
 
 
 def named_placement(name: str, lidar: Lidar) -> Placement:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -44,6 +45,10 @@ TURNING |= {"azimuth_offsets_deg"}
 """Keys of a LiDAR whose beams turn."""
 TIMING = {"phase_deg", "direction", "ego_compensation"}
 """Keys of a LiDAR that takes time for a frame."""
+LOSSES = ("range_noise", "drop_off")
+"""Keys that other LiDARs of a file share, unless their settings or the catalogue have them."""
+Losses = tuple[tuple[str, float], ...]
+"""Values of some of `LOSSES`, by key."""
 ANY = ("range", "range_10", "range_80", "min_range", "range_noise", "wavelength_nm", "size_mm")
 """Keys that data sheets of any LiDAR may have."""
 
@@ -203,9 +208,17 @@ class SensorSettings(Settings):
         self.lidar()  # its errors are errors of the settings
         return self
 
-    def lidar(self) -> Lidar:
-        """Return the sensor in radians, built once."""
-        return self._built
+    @property
+    def losses(self) -> Losses:
+        """Values of `LOSSES` that are written here, not in the catalogue, for other LiDARs."""
+        sheet = None if self.name is None else datasheet(self.name)
+        values = ((key, getattr(self, key)) for key in LOSSES if key in self.model_fields_set)
+        return tuple((key, v) for key, v in values if v != getattr(sheet, key, None))
+
+    def lidar(self, losses: Losses = ()) -> Lidar:
+        """Return the sensor in radians, built once, with those `losses` that its settings lack."""
+        lacking: dict[str, Any] = {k: v for k, v in losses if k not in self.model_fields_set}
+        return replace(self._built, **lacking) if lacking else self._built
 
     @cached_property
     def _built(self) -> Lidar:

@@ -111,7 +111,7 @@ class _Loader(Composer, _Parser, SafeConstructor, Resolver):
             return super().construct_object(node, deep)
         except (ValueError, LookupError, TypeError, AttributeError):  # such as `!!bool abc`
             kind = node.tag.removeprefix(_TAG)
-            raise _error(f"{reprlib.repr(node.value)} is no {kind}", node) from None
+            raise _error(f"{reprlib.repr(node.value)} is not a valid {kind}", node) from None
 
 
 _Loader.add_constructor(None, _Loader.construct_undefined)  # type: ignore[type-var]

@@ -7,7 +7,7 @@ voxel:
 
 - by column: over the square of a column of voxels the cone is the graph of a convex (e > 0) or
   concave (e < 0) function of (x, y), so a beam covers one run of z. Columns run along the axis of
-  the grid that is closest to n. Beams whose cone is no graph are tested voxel by voxel;
+  the grid that is closest to n. Beams whose cone is not a graph are tested voxel by voxel;
 - by voxel: the range of `n.d/|d|` over a cube holds the sine of some beam. Always holds.
 
 Where range or field of view end within a tile, its voxels are tested against the part of the cone

@@ -67,7 +67,8 @@ def read_detections(
         ignored: gets the number of detections of known categories without class in `classes`.
 
     Raises:
-        InputError: a file is no such file, a frame or category is unknown, or a number is invalid.
+        InputError: a file has another format, a frame or category is unknown, or a number
+            is invalid.
     """
     files = [(file, layout or _layout(file)) for path in paths for file in _files(path)]
     counter = Counter[str]() if ignored is None else ignored

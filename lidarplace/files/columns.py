@@ -92,7 +92,8 @@ def texts(table: pd.DataFrame, name: str, source: str) -> NDArray[np.object_]:
     """Return a column of text, where names that are whole numbers are text too; (rows,), str."""
     column = table[name].astype(object)
     if (missing := column.isna().to_numpy(bool)).any():
-        raise InputError("missing value", place=f"{source}: row {np.argmax(missing)}", key=name)
+        place = f"{source}: {row_name(table, int(np.argmax(missing)))}"
+        raise InputError("missing value", place=place, key=name)
     if pd.api.types.infer_dtype(column) not in ("string", "empty"):
         good = column.map(lambda value: isinstance(value, str | int | np.integer))
         check_values(table, [name], ~good.to_numpy(bool), "text", source)
@@ -139,6 +140,12 @@ def _number(value: Any) -> Any:
 _NUMBERS = (str, int, float, Decimal, np.integer, np.floating)
 
 
+def row_name(table: pd.DataFrame, row: int) -> str:
+    """Return the label of a row for messages: `row 7`, or a text, as of a row of several files."""
+    label = table.index[row]
+    return label if isinstance(label, str) else f"row {label}"
+
+
 def check_values(
     table: pd.DataFrame,
     names: Sequence[str],
@@ -150,7 +157,7 @@ def check_values(
     """Raise InputError for the first value that is `bad`, (rows,) or (rows, names)."""
     if np.any(bad):
         row, column = np.argwhere(np.reshape(bad, (len(table), -1)))[0].tolist()
-        key, place = names[column], f"{source}: row {row}"
+        key, place = names[column], f"{source}: {row_name(table, row)}"
         value = table[key].iloc[row]
         shortened = (text(value) if isinstance(value, str) else str(value))[:_LONGEST]
         parts = {"expected": expected, "found": shortened}

@@ -10,7 +10,7 @@ from lidarplace.files.atomic import read_text, reading, replacing
 def read_xml(path: Path) -> Element:
     """Read the root of an XML file that declares no entities, which could grow without end.
 
-    Raises ValueError: the file cannot be read, is no XML in UTF-8, or has a document type."""
+    Raises ValueError: the file cannot be read, is not XML in UTF-8, or has a document type."""
     with reading(path):
         text = read_text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:

@@ -29,6 +29,7 @@ from lidarplace.logs.boxes import (
     SIZE,
     SOURCE,
     SPLITS,
+    VIEWPOINT_Z,
     check_boxes,
     check_classes,
     count_columns,
@@ -58,7 +59,7 @@ class BoxLog:
             points in a box adds `POINTS`, and `points/NAME` for each LiDAR.
         frames: one row a frame, columns `FRAME_COLUMNS`; frames without boxes too. A source that
             knows where the vehicle was adds `POSE_COLUMNS`, and maybe `FULL_POSE_COLUMNS`; one
-            that names its frames adds `SOURCE`.
+            that names its frames adds `SOURCE`; a site adds `VIEWPOINT_Z`.
         buildings: what stands still and is no object: columns `BUILDING_COLUMNS`, in the world
             frame of its scene, in which `POSE_COLUMNS` place the vehicle. Mostly empty.
         rigs: the rig that recorded each scene, by the scene's name, where known; plain data of
@@ -122,7 +123,7 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
 
     They are renamed into place when all of them are written."""
     folder.mkdir(parents=True, exist_ok=True)
-    optional = (*POSE_COLUMNS, *FULL_POSE_COLUMNS, SOURCE)
+    optional = (*POSE_COLUMNS, *FULL_POSE_COLUMNS, VIEWPOINT_Z, SOURCE)
     further = [name for name in optional if name in log.frames.columns]
     if not log.rigs:
         (folder / RIG_FILE).unlink(missing_ok=True)
@@ -231,7 +232,7 @@ def read_frames(folder: Path) -> pd.DataFrame:
     frames = read_parquet(folder / "frames.parquet")
     columns.check_columns(list(frames.columns), FRAME_COLUMNS, source)
     columns.one_of(frames, "split", SPLITS, source)
-    poses = frames.columns.intersection([*POSE_COLUMNS, *FULL_POSE_COLUMNS])
+    poses = frames.columns.intersection([*POSE_COLUMNS, *FULL_POSE_COLUMNS, VIEWPOINT_Z])
     columns.no_text(frames, ["frame", "timestamp_s", *poses], source)
     frames["frame"] = columns.frame_numbers(frames, source)
     frames["route"] = columns.groups(frames, "route", source)

@@ -29,6 +29,9 @@ POSE_COLUMNS = ("ego_x", "ego_y", "ego_yaw")
 """Pose of the vehicle in the world frame of its scene; a log may lack it."""
 FULL_POSE_COLUMNS = ("ego_z", "ego_roll", "ego_pitch")
 """The rest of its pose, for logs that know all of it: metres, and radians about our axes."""
+VIEWPOINT_Z = "viewpoint_z"
+"""Column of frames of a site: height of the ideal sensor that decides which objects count,
+metres."""
 CLOUD = "cloud"
 """Column of frames that a reader adds: the file of the frame's real cloud, relative to the folder
 of a data set's clouds, or a tuple of `CloudFile`. No log on disk has it."""
@@ -78,7 +81,7 @@ def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
 
 
 def check_classes(boxes: pd.DataFrame, source: str) -> None:
-    """Raise ValueError that names the first row whose class is no name of one."""
+    """Raise ValueError that names the first row whose class is not a valid name."""
     try:
         names = boxes["class"].unique()
     except TypeError:  # lists or mappings

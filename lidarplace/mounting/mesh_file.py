@@ -57,11 +57,11 @@ def read_mesh(
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is no mesh, has too many triangles, or cannot be meant; names the file.
+        ValueError: it is not a mesh, has too many triangles, or cannot be meant; names the file.
         ModuleNotFoundError: trimesh is not installed."""
     import trimesh
 
-    with regular(path).open("rb"):  # trimesh says of what it cannot open that it is no known format
+    with regular(path).open("rb"):  # trimesh reports what it cannot open as an unknown format
         pass
     with at(path), _reports() as reports:
         try:

@@ -53,8 +53,8 @@ def _made(
     """Sort the beams, in degrees and metres, and check them."""
     up, aside = (np.asarray(values, np.float64) for values in (elevations, azimuths))
     if not 1 <= len(up) <= MOST_BEAMS or len(aside) != len(up):
-        found = f"{len(up)} elevations and {len(aside)} azimuths"
-        raise InputError(place=path, expected=f"1 to {MOST_BEAMS} beams", found=found)
+        counts = f"{len(up)} elevations and {len(aside)} azimuths"
+        raise InputError(place=path, expected=f"1 to {MOST_BEAMS} beams", found=counts)
     for name, values, most in (("elevation", up, 90.0), ("azimuth", aside, 180.0)):
         if (wrong := ~(np.abs(values) <= most)).any():
             beam, expected = int(np.argmax(wrong)), f"degrees within ±{most:g}"
@@ -136,8 +136,8 @@ def _velodyne_yaml(path: Path) -> MakerFile:
     content = read_yaml_file(path)
     lasers = content.get("lasers") if isinstance(content, dict) else None
     if not isinstance(lasers, list) or not all(isinstance(laser, dict) for laser in lasers):
-        found = ", ".join(map(str, content)) if isinstance(content, dict) else "no mapping"
-        raise InputError(place=path, key="lasers", expected="a list of lasers", found=found[:100])
+        keys = ", ".join(map(str, content)) if isinstance(content, dict) else "no mapping"
+        raise InputError(place=path, key="lasers", expected="a list of lasers", found=keys[:100])
     up, aside, offsets, sideways = (
         _numbers(
             [laser.get(f"{key}_correction", default) for laser in lasers], path, f"{key}_correction"
@@ -180,9 +180,9 @@ def _hesai_csv(path: Path) -> MakerFile:
     table = read_csv(path, skipinitialspace=True)
     table.columns = table.columns.map(lambda name: str(name).strip().lower())
     if missing := [name for name in ("elevation", "azimuth") if name not in table]:
-        found = ", ".join(table.columns)[:100]
+        names = ", ".join(table.columns)[:100]
         expected = "columns Channel, Elevation, Azimuth"
-        raise InputError(f"no column {missing[0]}", place=path, expected=expected, found=found)
+        raise InputError(f"no column {missing[0]}", place=path, expected=expected, found=names)
     up, aside = numbers(table, ["elevation", "azimuth"], str(path)).T
     return _made(up, -aside, path)
 

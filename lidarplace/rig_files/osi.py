@@ -61,7 +61,7 @@ def read_osi(path: Path, only: Sequence[str]) -> list[RigSensor]:
     """Read the sensors of a configuration, called by kind and id, `lidar_1`.
 
     Cameras have the angles and pixels that a simulator shall give them; radars their angles alone,
-    and no range. Raises ValueError: it is no such configuration."""
+    and no range. Raises ValueError: it is not such a configuration."""
     view = read_record(path, _SensorViewConfiguration, "SensorViewConfiguration of ASAM OSI")
     lidars = []
     for kind in ("lidar", "camera", "radar"):

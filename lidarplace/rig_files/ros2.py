@@ -35,11 +35,11 @@ def read_ros2(path: Path, only: Sequence[str]) -> list[RigSensor]:
     """Read the frames that are LiDARs, see `lidars_of`.
 
     The file is read, not launched: substitutions and conditions are rejected. Raises ValueError: it
-    is no launch file, a transform is none, or frames are not of a vehicle."""
+    is not a launch file, a transform is invalid, or frames are not of a vehicle."""
     root = read_xml(path)
     with at(path):
         if root.tag != "launch":
-            raise InputError("is no XML launch file", expected="the root launch", found=root.tag)
+            raise InputError("not an XML launch file", expected="the root launch", found=root.tag)
         nodes = [
             node for node in root.iter("node") if PUBLISHER in (node.get("exec"), node.get("type"))
         ]

@@ -19,7 +19,7 @@ def read_urdf(path: Path, only: Sequence[str]) -> list[RigSensor]:
     """Read the links that are LiDARs, see `lidars_of`.
 
     `rpy` are roll, pitch and yaw about fixed axes, which is `Rz(yaw) Ry(pitch) Rx(roll)`. Raises
-    ValueError: the file is no URDF, is xacro, or its frames are none of a vehicle."""
+    ValueError: the file is not URDF, is xacro, or has no frame of a vehicle."""
     root = read_xml(path)
     with at(path):
         if root.tag != "robot":

@@ -1,16 +1,23 @@
 """The kinds of scenes that a configuration can name."""
 
+import math
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import Annotated, Any, NamedTuple
 
+import numpy as np
 from pydantic import BaseModel, GetJsonSchemaHandler, SerializeAsAny, ValidationInfo
 from pydantic.functional_validators import ModelWrapValidatorHandler, WrapValidator
 from pydantic_core import CoreSchema, PydanticCustomError
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.registry import Registry
 from lidarplace.base.suggestions import did_you_mean
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene, log_parts
+from lidarplace.scenes.site import Obstacles, Site
+from lidarplace.scenes.sumo.junction import obstacles_at
 from lidarplace.scenes.sumo.record import town_parts
 from lidarplace.scenes.sumo.settings import SumoScene
 
@@ -18,10 +25,11 @@ from lidarplace.scenes.sumo.settings import SumoScene
 class SceneKind(NamedTuple):
     """Kind of scenes: its settings, and the function that lists its parts, training frames first.
 
-    Settings have `source`, `seed`, `name`, `frame_counts` and `remedy`, as `SumoScene` has them."""
+    Settings have `source`, `seed`, `name`, `frame_counts` and `remedy`, as `SumoScene` has them.
+    The function takes a `Site`, too, for kinds of this package."""
 
     settings: type[BaseModel]
-    parts: Callable[[Any], list[ScenePart]]
+    parts: Callable[..., list[ScenePart]]
 
 
 KINDS = Registry(
@@ -70,8 +78,30 @@ Scene = Annotated[SerializeAsAny[SumoScene | LogScene], WrapValidator(_checked),
 """A scene of ours, or of a plug-in."""
 
 
-def scene_parts(scene: Scene) -> list[ScenePart]:
-    """List the parts of a scene; raise ValueError if something that it names is missing."""
+def scene_parts(scene: Scene, site: Site | None = None) -> list[ScenePart]:
+    """List the parts of a scene, as it is seen from a site if there is one.
+
+    Raises ValueError if something that it names is missing."""
     kind = KINDS[scene.source]
-    with KINDS.calls(scene.source, ValueError, OSError):
-        return kind.parts(scene)
+    if site is None:
+        with KINDS.calls(scene.source, ValueError, OSError):
+            return kind.parts(scene)
+    if scene.source not in KINDS.own:
+        problem, known = "has no sites", " or ".join(KINDS.own)
+        raise InputError(problem, key="source", expected=known, found=scene.source)
+    return kind.parts(scene, site)
+
+
+@lru_cache(maxsize=4)
+def obstacles_around(scene: Scene, site: Site) -> Obstacles:
+    """Return buildings and lanes around a site, in its frame; of a log the buildings alone.
+
+    Raises ValueError as `scene_parts`."""
+    if isinstance(scene, SumoScene):
+        return obstacles_at(scene, site)
+    buildings = scene.read(site).buildings
+    if site.scene is not None:
+        buildings = buildings[buildings["scene"] == site.scene]
+    pose = (site.x or 0.0, site.y or 0.0, math.radians(site.yaw_deg))
+    walls = buildings[list(GEOMETRY)].to_numpy(np.float64)
+    return Obstacles.around(pose, walls, np.empty((0, 5)))

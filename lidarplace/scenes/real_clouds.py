@@ -188,7 +188,7 @@ def read_sweep(files: Files, rig: RecordedRig | None, origin: Sequence[float] | 
 def _read_file(
     path: Path, file: CloudFile | None, rig: RecordedRig | None, origin: Sequence[float] | None
 ) -> tuple[NDArray[np.float32], NDArray[np.int64], int]:
-    """Return points, (n, 4), the LiDAR of each, (n,), and the number of LiDARs told apart."""
+    """Return points, (n, 4), the LiDAR of each, (n,), and the number of distinct LiDARs."""
     cloud = read_cloud(path)
     cloud = cloud[np.isfinite(cloud[list("xyz")].to_numpy()).all(axis=1)]
     if file is not None and file.lidar:

@@ -1,14 +1,16 @@
 """A scene that was recorded before: a folder with a box log, from whatever source."""
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Literal, Self
 
+import pandas as pd
 from pydantic import Field, field_validator, model_validator
 
 from lidarplace.base.class_names import IGNORE
+from lidarplace.base.code_version import OMIT_DEFAULT
 from lidarplace.base.errors import InputError, at
 from lidarplace.configuration.settings import FilePath, Name, Seed, Settings
 from lidarplace.files.atomic import reading
@@ -27,6 +29,15 @@ from lidarplace.scenes.datasets.class_maps import PAPER, PAPER_GROUPS, ClassMap,
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.sanity_checks.check_log import check_log
 from lidarplace.scenes.sanity_checks.copies import copied_test_frames
+from lidarplace.scenes.site import Site, near, seen_from
+
+
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """Tables of frames; as one object, because tables in settings cannot be compared."""
+
+    train: pd.DataFrame
+    test: pd.DataFrame
 
 
 class LogScene(Settings):
@@ -89,15 +100,21 @@ class LogScene(Settings):
         """The scene's name in labels."""
         return self.folder.resolve().name
 
-    def frame_counts(self) -> tuple[int, int]:
-        """Count training and test frames."""
-        return self._frame_counts
+    def frame_counts(self, site: Site | None = None) -> tuple[int, int]:
+        """Count training and test frames, those at a site if there is one.
+
+        Raises ValueError: a log without poses cannot have a site."""
+        train, test = self._frames.train, self._frames.test
+        if site is not None:
+            train, test = train[near(train, site)], test[near(test, site)]
+        return int((train["split"] == "train").sum()), int((test["split"] == "test").sum())
 
     @cached_property
-    def _frame_counts(self) -> tuple[int, int]:
-        splits = read_frames(self.folder)["split"]
-        tests = splits if self.test_folder is None else read_frames(self.test_folder)["split"]
-        return int((splits == "train").sum()), int((tests == "test").sum())
+    def _frames(self) -> _Frames:
+        frames = read_frames(self.folder)
+        return _Frames(
+            frames, frames if self.test_folder is None else read_frames(self.test_folder)
+        )
 
     @property
     def real_clouds(self) -> Path:
@@ -131,9 +148,14 @@ class LogScene(Settings):
             digest.update(repr(sorted(PAPER_GROUPS.items())).encode())
         return digest.hexdigest()
 
-    def read(self) -> BoxLog:
-        """Read the log; raise ValueError that names the file if something is wrong with it."""
+    def read(self, site: Site | None = None) -> BoxLog:
+        """Read the log, as it is seen from a site if there is one.
+
+        Raises ValueError that names the file if something is wrong with it."""
         log = read_box_log(self.folder)
+        if site is not None:
+            with at(self.folder):
+                log = seen_from(log, site)
         if self.class_map is None:
             return log
         groups = self.groups()
@@ -159,26 +181,32 @@ class LogRecording:
 
     scene: LogScene
     digest: str
+    site: Site | None = field(default=None, metadata={OMIT_DEFAULT: True})
 
     def record(self) -> BoxLog:
         """Read it; raise as `LogScene.read` does, and if the log is not what it was."""
         if self.scene.digest() != self.digest:
             problem, fix = "the log has changed since the command was given", "give it again"
             raise InputError(problem, place=self.scene.folder, fix=fix)
-        return self.scene.read()
+        return self.scene.read(self.site)
 
 
-def log_parts(scene: LogScene) -> list[ScenePart]:
-    """List the log as one part, and the log of its test frames as another if it is one."""
-    counts = dict(zip(SPLITS, scene.frame_counts(), strict=True))
+def log_parts(scene: LogScene, site: Site | None = None) -> list[ScenePart]:
+    """List the log as one part, and the log of its test frames as another if it is one.
+
+    Raises ValueError: recorded clouds are of the vehicle, not of a site."""
+    if site is not None and scene.clouds == "recorded":
+        problem = "recorded clouds are of the vehicle, not of a site"
+        raise InputError(problem, key="scene.clouds", expected="simulated")
+    counts = dict(zip(SPLITS, scene.frame_counts(site), strict=True))
     # Constructed, not copied: counts of frames are not those of the copy.
     train = LogScene.model_construct(**(dict(scene) | {"test_folder": None}))
     if scene.test_folder is None:
         splits = tuple(split for split, count in counts.items() if count)
-        return [ScenePart("", LogRecording(train, train.digest()), splits)]
+        return [ScenePart("", LogRecording(train, train.digest(), site), splits)]
     test = LogScene.model_construct(**(dict(train) | {"folder": scene.test_folder}))
     return [
-        ScenePart(name, LogRecording(log, log.digest()), (split,))
+        ScenePart(name, LogRecording(log, log.digest(), site), (split,))
         for name, log, split in (("", train, "train"), ("test log", test, "test"))
         if counts[split]
     ]

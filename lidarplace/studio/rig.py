@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from lidarplace.base.errors import at
 from lidarplace.configuration.further_sensors import CameraSettings, RadarSettings
 from lidarplace.configuration.placement import MountSettings, PlacementSettings
+from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import fault
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.lidar import Lidar
@@ -109,16 +110,16 @@ class Rig:
         """Numbers of the LiDARs that work."""
         return [number for number, lidar in enumerate(self.lidars) if lidar.enabled]
 
-    def models(self, lidar: Lidar) -> tuple[Lidar, ...]:
-        """Return the models of all LiDARs; `lidar` where none is named."""
-        models = (mounted.settings.lidar for mounted in self.lidars)
-        return tuple(lidar if model is None else model.lidar() for model in models)
+    def models(self, default: SensorSettings) -> tuple[Lidar, ...]:
+        """Return the models of all LiDARs; `default` where none is named."""
+        models = (mounted.settings.lidar or default for mounted in self.lidars)
+        return tuple(model.lidar(default.losses) for model in models)
 
-    def placement(self, lidar: Lidar) -> Placement | None:
-        """Return the LiDARs that work, None without any; `lidar` where no model is named.
+    def placement(self, default: SensorSettings) -> Placement | None:
+        """Return the LiDARs that work, None without any; `default` where no model is named.
 
         Raises ValueError: two of them are in one place."""
-        models, mounts = self.models(lidar), [self.mounts[number] for number in self.working]
+        models, mounts = self.models(default), [self.mounts[number] for number in self.working]
         working = [models[number] for number in self.working]
         return Placement(self.name, mounts, lidar=working) if working else None
 

@@ -34,7 +34,6 @@ from lidarplace.mounting.zone import Zone
 from lidarplace.recall.detection_curve import default_curves
 from lidarplace.requirements.layout import RequirementLayout, lay_out
 from lidarplace.requirements.settings import Requirements
-from lidarplace.rigs.lidar import Lidar
 from lidarplace.studio.rig import Rig
 
 
@@ -99,10 +98,10 @@ class RigsFile:
         rigs, folder = placements.items(), self.path.parent
         return tuple(Rig.of_written(str(name), written, folder) for name, written in rigs)
 
-    @cached_property
-    def lidar(self) -> Lidar:
+    @property
+    def lidar(self) -> SensorSettings:
         """Model of mounts that name none."""
-        return self.settings.lidar.lidar()
+        return self.settings.lidar
 
     @cached_property
     def zones(self) -> tuple[Zone, ...]:

@@ -96,6 +96,11 @@ def gain(
     return f"{difference:+.1f} ({low:+.1f} to {high:+.1f})".replace("-", "−")
 
 
+def has(network: str, rig: str) -> bool:
+    """Tell whether detectors of a network were trained for a rig."""
+    return rig in set(read().query("network == @network")["placement"])
+
+
 def seeds(network: str, pair: tuple[str, str] = PAIRS[0]) -> int:
     """How many seeds a contrast has."""
     rows = _of(read().query("network == @network"), METRICS["recall of all"])

@@ -21,6 +21,7 @@ from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.settings import excerpt, shortened
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
+from lidarplace.scenes.kinds import obstacles_around
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import ConfigError, check, read_named, unknown_key
 from sweeps.configuration.point import Point
@@ -147,7 +148,7 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
 
 
 def _check_mounts(sweep: Sweep) -> None:
-    """Reject rigs with a LiDAR inside of the vehicle, or that sees nothing of the ROI.
+    """Reject rigs with a LiDAR inside of the vehicle or a wall, or that sees nothing of the ROI.
 
     Only where clouds are simulated. A sweep that a search makes is not checked: in addition to its
     own rigs, which keep out of the body, it has the paper's for comparison, whatever vehicle they
@@ -157,12 +158,16 @@ def _check_mounts(sweep: Sweep) -> None:
         point = grid_point.point
         if isinstance(point.scene, LogScene) and point.scene.clouds == "recorded":
             continue
-        conditions = (point.placement, point.lidar, point.vehicle, point.roi, point.weather)
+        where = (point.vehicle, point.site, point.site and point.scene)
+        conditions = (point.placement, point.lidar, *where, point.roi, point.weather)
         if conditions in checked:
             continue
         checked.add(conditions)
+        obstacles = None if point.site is None else obstacles_around(point.scene, point.site)
         with at(key="placement"):
             check_mounts(grid_point.rig, grid_point.vehicle)
+            if obstacles is not None:
+                obstacles.check(grid_point.rig)
             if not sweep.common.allow_blind_lidars:
                 check_not_blind(grid_point.rig, grid_point.roi, grid_point.vehicle)
 

@@ -37,6 +37,7 @@ from lidarplace.pog.surrogates.table import ASKED_FOR
 from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.routes import KEEP_M
+from lidarplace.scenes.site import Site
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.evaluator import Evaluator, EvaluatorCommand
 from training import DETECTORS
@@ -72,7 +73,9 @@ class RoiSettings(Settings):
 
 
 class LidarSettings(SensorSettings):
-    """The LiDAR model of every mount that has none of its own, and how clouds are collected."""
+    """The LiDAR model of every mount without one, and how clouds are collected.
+
+    `range_noise` and `drop_off` also hold for models that lack them, in mounts and searches."""
 
     profile: Literal[tuple(PROFILES)] = Field(  # type: ignore[valid-type]
         "paper",
@@ -240,6 +243,11 @@ class Point(Settings):
         description="body of the vehicle: it stops rays, and no LiDAR may be inside; a sedan by "
         "default, [] for none",
     )
+    site: Site | None = Field(
+        None,
+        description="LiDARs on poles beside the road instead of a vehicle: mounts, ROI and zones "
+        "are in its frame, z up to 15 m; {} is the junction with most lanes",
+    )
     weather: WeatherSettings = Field(
         WeatherSettings(),
         description="fog and rain, in clouds and for surrogates; clear by default",
@@ -260,6 +268,21 @@ class Point(Settings):
     mounting_errors: MountingErrorSettings = Field(
         MountingErrorSettings(), description="mounting errors in simulated clouds"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_body(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("site") is not None and data.get("vehicle") is None:
+            return data | {"vehicle": []}
+        return data
+
+    @field_validator("site")
+    @classmethod
+    def _no_vehicle(cls, site: Site | None, info: ValidationInfo) -> Site | None:
+        vehicle = info.data.get("vehicle")
+        if site is not None and vehicle is not None and len(vehicle.vehicle().body.extents):
+            raise InputError("a site has no vehicle", fix="remove vehicle or site")
+        return site
 
     @field_validator("classes")
     @classmethod
@@ -288,6 +311,19 @@ class Point(Settings):
             ("training.sample_groups", self.training.sample_groups, (*self.classes, *CLASSES)),
         ):
             check_among(named, classes, key=key)
+        return self
+
+    @model_validator(mode="after")
+    def _seen_from_the_site(self) -> Point:
+        if self.site is not None and isinstance(self.scene, LogScene):
+            train, test = self.frame_counts()
+            needed = {"train": train} | ({} if self.detector is None else {"test": test})
+            for split in (split for split, count in needed.items() if not count):
+                problem = (
+                    f"no {split} frame has the recording vehicle within {self.site.within:g} m"
+                )
+                fix = "move the site, raise site.within, or record more"
+                raise InputError(problem, key="site", fix=fix)
         return self
 
     @model_validator(mode="after")
@@ -330,6 +366,12 @@ class Point(Settings):
         roi = Roi.nearest(*sides)
         nearest = {axis: getattr(roi, axis) for axis in "xyz"}
         self.__dict__["roi"] = self.roi.model_copy(update=nearest)
+
+    def frame_counts(self) -> tuple[int, int]:
+        """Count training and test frames, those at the site alone."""
+        if self.site is not None and isinstance(self.scene, LogScene):
+            return self.scene.frame_counts(self.site)
+        return self.scene.frame_counts()
 
     def own_ious(self) -> dict[str, Overlaps]:
         """Return the IoUs of classes that differ from KITTI's."""

@@ -119,7 +119,9 @@ def _rigs(file: RequirementsFile) -> list[tuple[Placement, tuple[MountedSensor, 
         if name in file.placements:
             settings = file.placements[name]
             with at(key=f"placements.{name}"):
-                rigs.append((settings.placement(name, lidar), settings.further()))
+                rigs.append(
+                    (settings.placement(name, lidar, file.lidar.losses), settings.further())
+                )
         elif name in PAPER_PLACEMENTS:
             rigs.append((PAPER_PLACEMENTS[name].with_lidar(lidar), ()))
         elif Path(name).is_dir() or name.endswith((".yaml", ".yml")):

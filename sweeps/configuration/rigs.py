@@ -7,6 +7,7 @@ from functools import cache
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration.placement import SweptPlacementSettings
+from lidarplace.configuration.sensor import Losses
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.rigs.weather import Weather
@@ -50,20 +51,21 @@ class Rigs:
         if names := self.recorded(name):
             with at(key=f"{name}.recorded"):
                 subset = self._subset(point.scene, point.lidar, names)
-        return self._built(name, point.lidar.lidar(), point.weather.weather(), subset)
+        lidar, losses = point.lidar.lidar(), point.lidar.losses
+        return self._built(name, lidar, losses, point.weather.weather(), subset)
 
     def recorded(self, name: str) -> tuple[str, ...]:
         """Return the LiDARs of the recorded rig that a placement names; none by coordinates."""
         return self.own[name].recorded if name in self.own else ()
 
     def _build(
-        self, name: str, lidar: Lidar, weather: Weather, subset: Placement | None
+        self, name: str, lidar: Lidar, losses: Losses, weather: Weather, subset: Placement | None
     ) -> Placement:
         lidar = self._in_weather(lidar, weather)
         if subset is not None:
             rig = replace(subset, name=name)
         elif name in self.own:
-            rig = self.own[name].placement(name, lidar)
+            rig = self.own[name].placement(name, lidar, losses)
         elif name in PAPER_PLACEMENTS:
             rig = PAPER_PLACEMENTS[name].with_lidar(lidar)
         else:

@@ -237,8 +237,6 @@ class SearchSettings(Settings):
                 raise InputError("is for an objective that begins with pretrained", key="adapt")
             if not measured or self.adapt >= self.trials:
                 raise InputError(key="adapt", expected="fewer than `trials`", found=self.adapt)
-            if len(self.models) > 1 or self.by_zone:
-                raise InputError("is for one LiDAR model, and zones that do not count", key="adapt")
         if self.near_start and not self.start:
             raise InputError("name the rigs in `start`", key="near_start")
         self._check_zones()

@@ -25,7 +25,8 @@ A sweep over LiDAR placements: one parent run, and a child run for every trained
 
 - Metrics: `surrogate.NAME.CLASS` of the placement; `AP_R40_3D.CLASS.IOU`, `AP_R40_BEV.CLASS.IOU`
   and `recall.CLASS.IOU` in percent on test frames; `seconds` of training and evaluation;
-  `requirement.NAME`, what there is of it in terms of what is needed, and `requirements_failed`.
+  `requirement.NAME`, what there is of it in terms of what is needed, `requirements_failed` and
+  `requirements_open`.
 - Tags to filter by: `tags.placement = 'line'`, `tags.detector`, `tags.seed`, `tags.density`,
   `tags.scene`, and the axes of the grid, in backquotes: ``tags.`scene.density` = '80'``.
 - The parent run has the command, the configuration, the report and the tables; a child run has the
@@ -101,7 +102,7 @@ def datasets(trial: DetectorTrial) -> list[Dataset]:
     """List the frames that a trial was trained and tested on; the digest is the store's key."""
     contexts: tuple[Literal["train", "test"], ...] = ("train", "test")
     collected, frames_of_trial = (trial.learns.inputs, trial.collect_test), []
-    counts = trial.grid_point.point.scene.frame_counts()
+    counts = trial.grid_point.point.frame_counts()
     for context, tasks, frames in zip(contexts, collected, counts, strict=True):
         of_split = (task for task in tasks if getattr(task.stage, "split", None) == context)
         scenes = [task.inputs[0] for task in of_split]

@@ -10,6 +10,7 @@ from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.boxes import CLASSES
 from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
+from lidarplace.scenes.site import Site
 from sweeps.configuration.file import reading
 from sweeps.configuration.point import ClassSettings
 from sweeps.plan.planning import Planning
@@ -18,33 +19,48 @@ from training.typical_objects import TypicalObject, typical_objects
 
 def typical_objects_of(
     planning: Planning,
-    scene: Scene,
+    seen: tuple[Scene, Site | None],
     classes: tuple[str, ...],
     settings: tuple[tuple[str, ClassSettings], ...],
 ) -> tuple[TypicalObject, ...]:
-    """Return the objects of classes without anchors, and caution about the classes of a log."""
+    """Return the objects of classes without anchors, and caution about the classes of a log.
+
+    `seen`: scene, and the site from which it is seen, if any."""
+    scene, site = seen
     if not isinstance(scene, LogScene):
         return _typical_of(classes, dict(settings), None)
-    boxes = planning.once(_boxes_by_split, scene)
+    boxes = planning.once(_boxes_by_split, scene, site)
+    planning.caution(*_left_out(scene, site))
     with reading("scene"):
         planning.caution(*scene.cautions())
     planning.caution(*_check_classes(scene, classes, boxes))
     return _typical_of(classes, dict(settings), boxes)
 
 
-def _boxes_by_split(scene: LogScene) -> dict[str, pd.DataFrame]:
+def _boxes_by_split(scene: LogScene, site: Site | None) -> dict[str, pd.DataFrame]:
     """Return the boxes of the training and of the test frames.
 
     Raises ConfigError: the log cannot be read."""
     with reading("scene"):
-        train = test = scene.read()
+        train = test = scene.read(site)
         if scene.test_folder is not None:
-            test = scene.model_copy(update={"folder": scene.test_folder}).read()
+            test = scene.model_copy(update={"folder": scene.test_folder}).read(site)
     boxes = {}
     for split, log in {"train": train, "test": test}.items():
         frames = log.frames.loc[log.frames["split"] == split, "frame"]
         boxes[split] = log.boxes[log.boxes["frame"].isin(frames)]
     return boxes
+
+
+def _left_out(scene: LogScene, site: Site | None) -> list[str]:
+    """Return a caution about the frames of a log in which nothing is known of a site."""
+    count, near = sum(scene.frame_counts()), sum(scene.frame_counts(site))
+    if site is None or near == count:
+        return []
+    return [
+        f"{count - near:,} of {count:,} frames are left out: the recording vehicle is not within "
+        f"{site.within:g} m of the site, or its pose is unknown."
+    ]
 
 
 def _check_classes(

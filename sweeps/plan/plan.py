@@ -83,9 +83,11 @@ def _same_trial(one: Trial, other: Trial) -> InputError:
 def _plan_trial(planning: Planning, grid_point: GridPoint) -> Trial:
     point = grid_point.point
     with at(key="scene"):
-        parts = planning.once(scene_parts, point.scene)
+        parts = planning.once(scene_parts, point.scene, point.site)
     settings = tuple(point.class_settings.items())
-    typical = planning.once(typical_objects_of, planning, point.scene, point.classes, settings)
+    typical = planning.once(
+        typical_objects_of, planning, (point.scene, point.site), point.classes, settings
+    )
     _caution_of_settings(planning, point)
     scenes = tuple(
         planning.add_for(grid_point, SceneStage(part.recording), (), part.name) for part in parts

@@ -52,7 +52,7 @@ def describe_dry_run(sweep: Sweep, plan: Plan, store: Store) -> DryRun:
     tasks = at_most(sweep, plan)
     total = Counter(task.stage.name for task in tasks)
     finished = Counter(task.stage.name for task in tasks if task.key in cached)
-    frames = {t.scene_label: t.grid_point.point.scene.frame_counts() for t in plan.trials}
+    frames = {t.scene_label: t.grid_point.point.frame_counts() for t in plan.trials}
     counts = ("train_frames", "test_frames")
     return DryRun(
         name=sweep.common.name,

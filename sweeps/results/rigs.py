@@ -133,6 +133,7 @@ def _of_log(point: Point, names: tuple[str, ...]) -> dict[str, object]:
         model = _model(lidar)
         if correction is not None:
             model |= {"correction": correction, **({"unit": name} if name in units else {})}
+        model |= {key: getattr(lidar, key) for key, _ in point.lidar.losses}
         mounts.append({"name": name, **_pose(mount), "lidar": model})
     return {"mounts": mounts}
 

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from sweeps.configuration.objective import GENERALIST
-from sweeps.search.problem.problem import SearchProblem, read_problem
+from sweeps.search.problem.problem import ADAPTED, SearchProblem, read_problem
+from sweeps.search.problem.rig import MountedLidar, ordered
+from sweeps.search.problem.search_config import as_plain
 from sweeps.search.verification.reevaluation import MOST_REEVALUATED
 from tracking.run_folders.search import SearchFolder
 
-_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 FIRST = "_first"
 """Suffix of the name of the first round."""
 
@@ -30,12 +31,11 @@ def second_round(
     """Return the search from the best rigs of the first, by weights that are trained near these."""
     rigs = SearchFolder.read(first.folder).search.rigs
     names = [name for name, rig in rigs.items() if rig.role == "found"][:MOST_REEVALUATED]
-    best = {
-        f"first_{name.removeprefix('found_')}": [
-            dict(zip(_POSE, mount, strict=True)) for mount in rigs[name].mounts
-        ]
-        for name in names
-    }
+    best = {}
+    for name in names:
+        lidars = zip(rigs[name].models, rigs[name].zones, rigs[name].placed, strict=True)
+        rig = ordered(MountedLidar(model, zone or "", mount) for model, zone, mount in lidars)
+        best[ADAPTED + name.removeprefix("found_")] = as_plain(problem.placement_settings(rig))
     assert problem.file.search.adapt is not None
     changes: dict[str, Any] = {
         "search.adapt": None,
@@ -50,5 +50,5 @@ def second_round(
         ],
         "training.checkpoint": str(problem.file.training.checkpoint or "pretrained"),
     }
-    changes |= {f"placements.{name}": {"mounts": mounts} for name, mounts in best.items()}
+    changes |= {f"placements.{name}": rig for name, rig in best.items()}
     return read_problem(path, overrides, changes)

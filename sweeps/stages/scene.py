@@ -14,7 +14,7 @@ from sweeps.stages.stage import Stage
 class SceneStage(Stage[BoxLog]):
     """Simulate or read a part of a scene that is recorded by itself."""
 
-    recording: Annotated[Recording, "scene"]
+    recording: Annotated[Recording, "scene", "site"]
 
     name = "scene"
     order = 70

@@ -42,6 +42,7 @@ class Manner:
 DIRECTIONS = {"forward": (1, 0, 0), "left": (0, 1, 0), "up": (0, 0, 1)}
 DIRECTIONS |= {"back": (-1, 0, 0), "right": (0, -1, 0), "down": (0, 0, -1)}
 POINTS = {"top": (0, 0, 0.5), "bottom": (0, 0, -0.5), "rear left bottom": (-0.5, 0.5, -0.5)}
+POINTS |= {"front right": (0.5, -0.5, 0), "rear": (-0.5, 0, 0)}
 
 
 def turned(points: np.ndarray, yaw: np.ndarray | float) -> np.ndarray:

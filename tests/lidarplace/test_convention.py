@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from lidarplace.base.errors import InputError
 from lidarplace.commands.convert import app
 from lidarplace.configuration.yaml import parse_yaml
-from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.logs.boxes import GEOMETRY, SIZE
 from lidarplace.logs.convention import ANCHORS, CARLA_AXES, Convention, anchor_of
 from lidarplace.rigs.pose import from_carla
 from lidarplace.scenes.label_tables.files import read_label_file
@@ -170,7 +170,7 @@ def test_other_conventions_are_refused_with_the_keys_that_mend_them(tmp_path):
         (
             "columns",
             {**guess["columns"], "yaw": None, "direction": {"x": "cx", "y": "cy"}},
-            "yaw.sense: the headings are no angles; found ",
+            "yaw.sense: applies only to a column yaw; found ",
         ),
         ("convention", "carla", "convention: already decides the axes"),
     ):
@@ -251,7 +251,7 @@ def test_json_lines(tmp_path):
 def test_quaternions_in_another_order_tilt_the_boxes():
     mapping = parse_yaml(propose_mapping(LABELS / "quaternions.csv"))
     mapping["columns"]["quaternion"] = dict(zip("wxyz", ["qx", "qy", "qz", "qw"], strict=True))
-    with pytest.raises(InputError, match="% are tilted by more than 30 degrees, the first in row"):
+    with pytest.raises(InputError, match="% are tilted by more than 30 degrees, the first is row"):
         read_label_table(
             LABELS / "quaternions.csv", TableMapping.model_validate(mapping), Counter()
         )
@@ -271,6 +271,28 @@ def test_vectors_need_both_components_along_the_ground():
     ):
         with pytest.raises(ValidationError, match=f"{key}: expected a column: z is not upright"):
             TableMapping.model_validate(changed)
+
+
+def test_rows_in_messages_are_those_of_the_file(tmp_path):
+    """After an empty frame of a folder, and after an empty row of a table."""
+    frames = {n: json.loads((LABELS / "labelcloud/000.json").read_text()) for n in "789"}
+    frames["7"]["objects"] = []
+    frames["9"]["objects"].append(
+        frames["9"]["objects"][0] | {"dimensions": dict.fromkeys(SIZE, -1.0)}
+    )
+    for name, content in frames.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps(content))
+    mapping = parse_yaml(propose_mapping(LABELS / "labelcloud")) | {"yaw": {}}
+    with pytest.raises(InputError, match=rf"^{tmp_path}: 9.json: row 1: dimensions.length: "):
+        read_label_table(tmp_path, TableMapping.model_validate(mapping), Counter())
+    table = pd.read_csv(LABELS / "quaternions.csv")
+    columns = parse_yaml(propose_mapping(LABELS / "quaternions.csv"))
+    size, stamp = columns["columns"]["length"], columns["columns"]["time"]
+    table.loc[1, [name for name in table if name != stamp]] = np.nan
+    table.loc[3, size] = -1.0
+    table.to_csv(tmp_path / "labels.csv", index=False)
+    with pytest.raises(InputError, match=rf"labels.csv: row 3: {size}: "):
+        read_label_table(tmp_path / "labels.csv", TableMapping.model_validate(columns), Counter())
 
 
 def test_files_of_one_frame_and_folders_without_a_drive(tmp_path):

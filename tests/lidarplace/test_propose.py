@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 
 from lidarplace.commands.convert import app
 from lidarplace.configuration.yaml import parse_yaml
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import BOX_COLUMNS
 from lidarplace.scenes.label_tables.propose import guess_columns, propose_mapping
 from tests.lidarplace.company_table import Manner, mapping_of, traffic, write_in_manner
 from tests.sweeps.toy import call
@@ -34,6 +36,53 @@ def test_units_are_guessed(tmp_path_factory, position, size, angle, time, anchor
         assert guess[key] == wanted[key]
     assert guess["origin"]["z"] == pytest.approx(origin[2], abs=0.006)
     assert guess["frames"] == {"rate_hz": 10.0}
+
+
+def standing(vehicles):
+    """A frame of vehicles, each x, y, length and yaw."""
+    x, y, length, yaw = np.array(vehicles).T
+    table = pd.DataFrame({"x": x, "y": y, "z": 0.75, "length": length, "width": 1.9, "yaw": yaw})
+    table = table.assign(height=1.5, scene="s", frame=0, timestamp_s=0.0)
+    table["object_id"], table["class"] = table.index.astype(str), "Car"
+    frames = pd.DataFrame({"scene": "s", "frame": [0], "timestamp_s": 0.0, "route": 0})
+    return BoxLog(table[list(BOX_COLUMNS)], frames.assign(split="train"))
+
+
+QUEUE = [(8.0 * n + 6.0, -3.0, 4.5 if n % 2 else 9.0, 0.0) for n in range(14)]
+PARKED = [(2.2 * n + 6.0, 8.0, 4.5, np.pi / 2 * (-1) ** n) for n in range(14)]
+
+
+@pytest.mark.parametrize(
+    ("anchor", "vehicles", "expected"),
+    [
+        ("front right", QUEUE + PARKED, "front right"),
+        ("rear left bottom", QUEUE + PARKED, "rear left bottom"),
+        ("rear", QUEUE, "rear or rear left"),
+        ("centre", QUEUE + PARKED, "centre"),
+    ],
+)
+def test_anchors_at_which_vehicles_overlap_are_not_proposed(tmp_path, anchor, vehicles, expected):
+    table = write_in_manner(standing(vehicles), Manner(anchor=anchor, origin=(0.0, 0.0, 0.0)))
+    table.to_csv(tmp_path / "labels.csv", index=False)
+    guess = propose_mapping(tmp_path / "labels.csv")
+    assert parse_yaml(guess)["anchor"] == expected
+    if " or " in expected:
+        (tmp_path / "map.yaml").write_text(guess)
+        page = tmp_path / "page.html"
+        result = convert(
+            tmp_path / "labels.csv", "--mapping", tmp_path / "map.yaml", "--preview", page, code=2
+        )
+        assert result.stderr.startswith("anchor: rear and rear left fit the values; expected one")
+        assert "Choose one of rear and rear left" in page.read_text()
+
+
+@pytest.mark.parametrize("anchor", ["bottom", "top", "centre"])
+def test_an_anchor_is_at_the_height_that_varies_least(tmp_path, anchor):
+    """Where the file's origin is at a LiDAR, 1.8 m above the ground."""
+    manner = Manner(anchor=anchor, origin=(0.0, 0.0, 1.8))
+    write_in_manner(traffic(), manner).to_csv(tmp_path / "labels.csv", index=False)
+    guess = parse_yaml(propose_mapping(tmp_path / "labels.csv"))
+    assert (guess["anchor"], guess["origin"]["z"]) == (anchor, pytest.approx(1.8, abs=0.006))
 
 
 def test_world_and_poses_are_guessed(tmp_path):

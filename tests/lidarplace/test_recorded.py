@@ -25,6 +25,9 @@ def test_a_log_is_a_scene(tmp_path):
     write_box_log(tmp_path / "town", BoxLog(BOXES, FRAMES))
     scene = LogScene(source="log", folder=tmp_path / "town")
     assert (scene.name, scene.frame_counts()) == ("town", (2, 1))
+    same = LogScene(source="log", folder=tmp_path / "town")
+    assert same.frame_counts() == (2, 1)
+    assert same == scene
     assert len(scene.read().boxes) == 1
     before = scene.digest()
     write_box_log(tmp_path / "town", BoxLog(BOXES, FRAMES.assign(route=1)))

@@ -103,6 +103,22 @@ def test_lidars_by_name(config):
     assert point.rig.lidars == (at128, vlp16, front)
 
 
+def test_noise_and_lost_returns_are_of_all_lidars_that_lack_them(config):
+    """The data sheet of `os1_64_gen1` has a range noise, that of `vlp16` none."""
+    models = ["vlp16", "os1_64_gen1", {"name": "vlp16", "drop_off": 0}]
+    mounts = [{"z": 2}, *({"x": x, "z": 2, "lidar": lidar} for x, lidar in enumerate(models, 1))]
+    lidar = {"name": "at128", "range_noise": 0.02}
+    grid = {"placement": ["a"], "lidar.drop_off": [0.05, 0.1]}
+    sweep = read_sweep(config(lidar=lidar, placements={"a": {"mounts": mounts}}, grid=grid))
+    for point, lost in zip(sweep.points, (0.05, 0.1), strict=True):
+        losses = [(lidar.range_noise, lidar.drop_off) for lidar in point.rig.lidars]
+        assert losses == [(0.02, lost), (0.02, lost), (0.03, lost), (0.02, 0)]
+    (point,) = read_sweep(
+        config(lidar="os1_64_gen1", placements={"a": {"mounts": mounts}}, grid={"placement": ["a"]})
+    ).points
+    assert point.rig.lidars[1].range_noise == 0, "not that of another data sheet"
+
+
 def test_a_profile_fills_what_is_not_given(config):
     given = {"profile": "released-code", "misaligned_heights": False, "range": 50}
     sweep = read_sweep(config(lidar=given, grid={"placement": ["line"]}))

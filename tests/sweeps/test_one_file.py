@@ -7,10 +7,13 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from lidarplace import Lidar, Mount
+from lidarplace.configuration.placement import read_placement
 from lidarplace.studio.rigs_file import read_rigs
 from sweeps.command_line import app
 from sweeps.commands.init import VEHICLES
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.rig import MountedLidar
 
 SEARCH = yaml.safe_load("""
 scene: {seed: 1, routes: 2, test_routes: 1, frames_per_route: 8, frame_stride: 10}
@@ -45,6 +48,26 @@ def answer(tmp_path_factory):
         Path("my.yaml").write_text(yaml.safe_dump(SEARCH))
         run("cheapest", "my.yaml")
         yield folder / "runs/my/cheapest/placement.yaml"
+
+
+def test_the_answer_has_the_noise_and_the_losses_of_the_search(tmp_path):
+    models = {"small": {"name": "vlp16", "price": 4}, "dome": {"name": "bpearl", "drop_off": 0}}
+    content = SEARCH | {"lidar": {"range_noise": 0.02, "drop_off": 0.05}}
+    content["search"] = SEARCH["search"] | {"models": models, "objective": "margin"}
+    path = tmp_path / "my.yaml"
+    path.write_text(yaml.safe_dump(content))
+    problem = read_problem(path)
+    mounts = {"small": Mount(x=2.6, z=0.8), "dome": Mount(x=2.6, y=0.5, z=0.8)}
+    rig = tuple(MountedLidar(name, "front", mount) for name, mount in mounts.items())
+    wanted = tuple(problem.models[name] for name in mounts)
+    assert [lidar.drop_off for lidar in wanted] == [0.05, 0]
+    answer = tmp_path / "answer.yaml"
+    for text in (problem.placement_text(rig), problem.rigs_text({"one": rig})):
+        answer.write_text(text)
+        file = read_rigs(answer)
+        assert file.rigs[0].models(file.lidar) == wanted
+    answer.write_text(problem.placement_text(rig))
+    assert read_placement(answer, Lidar.paper()).lidars == wanted
 
 
 def test_every_command_reads_the_answer(answer):

@@ -166,7 +166,8 @@ def test_a_search_is_evaluated_by_the_file(folder):
 def test_a_second_round_is_evaluated_by_weights_trained_near_the_best(folder):
     objective = "pretrained.recall and AP_R40_3D_mean.Car"
     item = {"objective": objective, "trials": 5, "adapt": 3, "families": 3}
-    path = search(folder, **item)
+    models = {"coarse": LIDAR, "fine": {"azimuth_steps": 480}}
+    path = search(folder, **item, models=models)
     small = ["--set", "name=rounds", "--set", "generalist={rigs: 3, rigs_per_frame: 1, epochs: 1}"]
     command = ["search", str(path), *small, "--set", "roi={x: [0, 40], y: [-20, 20], z: [0, 4]}"]
     call(app, *command)
@@ -175,10 +176,12 @@ def test_a_second_round_is_evaluated_by_weights_trained_near_the_best(folder):
     assert first.search.first.name == objective
     assert second.search.first.name == objective.replace("pretrained", "generalist")
     best = [rig for rig in first.search.rigs.values() if rig.role == "found"]
-    mounts = [second.rig_of(trial).mounts for _, trial in second.trials.iterrows()]
-    assert [np.round(item, 3).tolist() for item in mounts] == [
-        np.round(rig.mounts, 3).tolist() for rig in best[:2]
-    ], "it starts from the best"
+    begun = [second.rig_of(trial) for _, trial in second.trials.iterrows()]
+    for rigs in zip(begun, best[:2], strict=True):  # it starts from the best
+        mounts = [np.round(rig.mounts, 3).tolist() for rig in rigs]
+        assert mounts[0] == mounts[1]
+        assert rigs[0].models == rigs[1].models
+    assert {model for rig in best[:2] for model in rig.models} == {*models}
     stages = [folder / "runs" / "store" / stage for stage in ("pretrain", "detect")]
     before = {path: path.stat().st_mtime_ns for item in stages for path in item.glob("*")}
     call(app, *command)

@@ -10,6 +10,7 @@ from lidarplace.configuration.placement import read_placement
 from lidarplace.recall.detection_curve import DetectionCurve, write_curves
 from lidarplace.recall.surface_cells import SurfaceCells
 from sweeps.search.greedy.certificate import why_none
+from sweeps.search.output.run_folder import _objective
 from sweeps.search.output.terminal import greedy_warnings
 from sweeps.search.problem.assess import Traffic, assess
 from sweeps.search.problem.problem import read_problem
@@ -59,6 +60,7 @@ def test_a_front_of_expected_recall_price_and_a_surrogate_of_the_pog(tmp_path):
     values = run.trials[[f"value.{name}" for name in objective]]
     assert values.notna().all().all()
     assert values["value.expected_recall.Car"].between(0, 1).all()
+    assert run.search.first.unit == "of the objects"
     assert set(values["value.price"]) <= {2.0, 10.0, 18.0}
 
 
@@ -79,6 +81,9 @@ def test_curves_make_another_search(tmp_path):
     curve = DetectionCurve.model_validate({"class": "Car", "iou": 0.5, "most": 0.5, "rate": 0.1})
     write_curves(tmp_path / "curves.json", "by hand", [curve])
     surrogate = {"resolution": 0.8, "names": ["m_sog"], "curves": str(tmp_path / "curves.json")}
+    two = read_problem(write_search(tmp_path, classes=["Car", "Cyclist"], search=search))
+    unit = _objective(two.file.search.objective[0], two).unit
+    assert unit == "of the objects, sum over 2 classes"
     mine = read_problem(write_search(tmp_path, search=search, surrogate=surrogate)).key
     assert mine != first
     write_curves(tmp_path / "curves.json", "by hand", [curve.model_copy(update={"most": 0.6})])

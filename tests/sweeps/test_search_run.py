@@ -110,13 +110,19 @@ def test_a_search_begins_with_the_rig_that_one_has(tmp_path):
     mounts = [{"x": 0.1, "y": 0.2, "z": 2.0, "roll": 0.1}, {"x": -0.3, "z": 1.9}]
     options = {"start": ["mine"], "greedy": {"position_step": 0.5, "warm_start": False}}
     placements = {"mine": {"mounts": mounts}}
-    run, output = searched(tmp_path, placements=placements, search=options | {"trials": 4})
+    options |= {"models": {"one": {"beams": 4, "azimuth_steps": 90, "price": 7657}}, "trials": 4}
+    options |= {"constraints": {"price": 16_000}}
+    run, output = searched(tmp_path, placements=placements, search=options)
     lines = output.splitlines()
     begins = lines.index("greedy choice, then its upper bound, up to 30 s more …")
     assert lines[begins + 1].startswith("greedy choice from "), "before a minute of silence"
     first = run.trials.loc[0]
     positions = {(first[f"lidar_{i}.x_m"], first[f"lidar_{i}.y_m"]) for i in (1, 2)}
     assert positions == {(0.1, 0.2), (-0.3, 0.0)}
+    assert run.search.baseline == "mine"
+    assert {rig.role for rig in run.search.rigs.values()} == {"found", "greedy", "plain"}
+    assert {rig.models for rig in run.search.rigs.values()} == {("one", "one")}
+    assert "15,314" in output
     refined = run.search.rigs["refined"].values["expected_ig"]
     assert refined >= first["value.expected_ig"]
 

@@ -2,6 +2,7 @@
 
 import html
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from tests.tracking.made_up_run import report_of
 from tracking.findings.groups import met, worst_requirements
 from tracking.mlflow.content import requirement_metrics
 from tracking.pages.requirements import requirement_map
+from tracking.report.analysis import Analysis
 from tracking.run_folders.arrays import Grounds
 from tracking.run_folders.sweep import RunFolder
 
@@ -111,7 +113,23 @@ def test_metrics_of_mlflow(folder):
     cases = pd.read_parquet(folder / "requirements.parquet")
     of_first = cases[cases["placement"] == cases["placement"].iloc[0]]
     shares = {"requirement.near _ left": 0.0, "requirement.far _3 m_": 1.4}
-    assert requirement_metrics(of_first) == shares | {"requirements_failed": 1.0}
+    assert requirement_metrics(of_first) == shares | {
+        "requirements_failed": 1.0,
+        "requirements_open": 0.0,
+    }
+    undecided = 0.01 * (of_first["requirement"] == NEAR)
+    metrics = requirement_metrics(of_first.assign(undecided=undecided))
+    assert (metrics["requirements_failed"], metrics["requirements_open"]) == (0, 1)
+
+
+def test_an_open_verdict_is_neither_failed_nor_met(folder):
+    run = RunFolder.read(folder)
+    (best, *_) = Analysis(run).recommended
+    cases = run.requirements
+    rows = (cases["placement"] == best.best.best) & (cases["requirement"] == NEAR)
+    opened = cases.assign(undecided=0.01 * rows, met=cases["met"] & ~rows)
+    required = replace(best, run=replace(best.run, requirements=opened)).required
+    assert required.endswith(f"fails 0 of 2 requirements; 1 open (finer positions decide): {NEAR}.")
 
 
 def drawn(numbers, held, needed):

@@ -348,14 +348,20 @@ def test_rigs_that_break_a_constraint_are_marked_and_never_the_best(tmp_path):
     rigs = changed(folder)["rigs"]
     rigs["line"]["feasible"] = False
     rigs["line"]["values"]["expected_ig"] = 1500.0
+    rigs["line"]["measures"]["own body"] = 5.5
+    rigs["line"]["mounts"] = rigs["line"]["mounts"][:3]
+    for key in ("models", "zones"):
+        rigs["line"][key] = rigs["line"][key][:3]
     changed(folder, rigs=rigs)
     page = page_of(folder)
     start = page.words.index("Rigs, with all rays")
     table = [word.strip() for word in page.words[start:] if word.strip()]
     row = table.index("line")
-    assert table[row : row + 5] == ["line", "paper", "not feasible", "4", "1,500.0"]
+    assert table[row : row + 5] == ["line", "paper", "not feasible", "3", "1,500.0"]
     assert table.index("found_1") < table.index("greedy") < row
-    broken = "line, the best of the paper's eight, which breaks a constraint"
+    broken = (
+        "line, the best of the paper's eight, with 3 LiDARs instead of 4, infeasible by own body"
+    )
     assert f"−19.2 % against {broken} (1,500.0 nats)." in page.words
     assert f"The best rig is not better than {broken}." in page.words
     cells = rig_table("Rigs", SearchFolder.read(folder).search)
@@ -390,7 +396,7 @@ def test_peers_without_a_price_and_of_which_model(tmp_path):
     changed(folder, rigs=search["rigs"], models=models)
     page = page_of(folder)
     assert "; price of line is unknown." in page.text
-    assert "The paper's rigs are of LiDAR paper." in page.words
+    assert "The paper's rigs have the LiDAR of the key `lidar`, not of search.models." in page.words
     changed(folder, objectives=search["objectives"][::-1])
     assert "price of line is unknown." in page_of(folder).words
 

@@ -102,10 +102,12 @@ def requirement_metrics(cases: pd.DataFrame) -> dict[str, float]:
     """Name metrics of `lidarplace.requirements.tables.case_table` as in MLflow.
 
     `requirement.NAME` is what there is in the worst case, in terms of what is needed: 1 is just
-    enough; `requirements_failed` counts those that have less. Characters of a name that MLflow
-    takes in none are underscores."""
+    enough; `requirements_failed` counts those that have less, `requirements_open` those that finer
+    positions decide. Characters of a name that MLflow does not allow are underscores."""
     worst = worst_cases(cases, [])
     shares = (worst["value"] / worst["at_least"]).tolist()
     names = (re.sub(r"[^\w .-]", "_", name) for name in worst["requirement"])
     by_name = {f"requirement.{name}": share for name, share in zip(names, shares, strict=True)}
-    return by_name | {"requirements_failed": float((~worst["met"]).sum())}
+    is_open = worst["undecided"] > 0
+    failed = float((~worst["met"] & ~is_open).sum())
+    return by_name | {"requirements_failed": failed, "requirements_open": float(is_open.sum())}

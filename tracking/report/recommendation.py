@@ -70,16 +70,20 @@ class Recommendation:
 
     @property
     def required(self) -> str:
-        """Sentence about the requirements that the best placement fails; "" without any."""
+        """Sentence about the requirements of the best placement; "" without any."""
         worst = worst_requirements(self.run, self.group.setting)
         of_best = worst[worst["placement"] == self.best.best]
         if of_best.empty:
             return ""
-        failed = of_best.loc[~of_best["met"], "requirement"].tolist()
-        if not failed:
+        if of_best["met"].all():
             return f"{self.best.best} meets all {len(of_best)} requirements."
-        fails = f"{self.best.best} fails {len(failed)} of {len(of_best)} requirements"
-        return f"{fails}: {some(failed)}."
+        is_open = of_best["undecided"] > 0
+        failed = of_best.loc[~of_best["met"] & ~is_open, "requirement"].tolist()
+        sentence = f"{self.best.best} fails {len(failed)} of {len(of_best)} requirements"
+        sentence += f": {some(failed)}" if failed else ""
+        opened = of_best.loc[is_open, "requirement"].tolist()
+        sentence += f"; {len(opened)} open (finer positions decide): {some(opened)}" * any(is_open)
+        return f"{sentence}."
 
 
 @dataclass(frozen=True)

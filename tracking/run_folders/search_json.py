@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Roi
+from lidarplace.mounting.limits import excess
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
 from tracking.run_folders.json_file import Boxes, Part, ResultFile, Triangles, drawn_vehicle
@@ -53,6 +54,11 @@ class Constraint(Part):
     unit: str
     limit: float
     sense: Literal["at most", "at least"]
+
+    def is_kept(self, measure: float | None) -> bool:
+        """Return whether a measure is known and within the limit."""
+        at_least = self.sense == "at least"
+        return measure is not None and excess(measure, self.limit, at_least=at_least) <= 0
 
 
 class Angles(Part):

@@ -35,11 +35,11 @@ def nothing_found(run: SearchFolder) -> str:
         if c.name.startswith("requirement.") and len(over) and over[c.name].min() > 0:
             closest = run.trials.loc[[over[c.name].idxmin()]].iloc[0]
             enough = closest.get(f"enough.{c.name}")
-            has = _amount(c.limit - closest[f"violation.{c.name}"], "")
+            has = amount(c.limit - closest[f"violation.{c.name}"])
             where = "" if enough is None else f"; {100 * enough:.0f} % of the positions have enough"
             sentences.append(
                 f"No rig meets the requirement {c.name.partition('.')[2]!r}: the closest, trial "
-                f"{closest['number']}, has {has} of {_amount(c.limit, c.unit)}{where}"
+                f"{closest['number']}, has {has} of {amount(c.limit, c.unit)}{where}"
             )
     if sentences:
         return ". ".join(sentences)
@@ -71,8 +71,8 @@ def infeasible_sentences(run: SearchFolder) -> list[str]:
     over = excess(run).loc[[nearest.name]].iloc[0].sort_values()
     by_name = {constraint.name: constraint for constraint in limits}
     parts = [
-        f"{c.name} by {_amount(nearest[f'violation.{c.name}'], c.unit)} "
-        f"({c.sense} {_amount(c.limit, c.unit)})"
+        f"{c.name} by {amount(nearest[f'violation.{c.name}'], c.unit)} "
+        f"({c.sense} {amount(c.limit, c.unit)})"
         for c in (by_name[str(name)] for name in over.index[over > 0])
     ]
     if parts:
@@ -81,7 +81,7 @@ def infeasible_sentences(run: SearchFolder) -> list[str]:
             f"{', '.join(parts)}{'; the least broken first' if len(parts) > 1 else ''}."
         )
     parts = [
-        f"{c.name}, which the best of them broke by {_amount(least, c.unit)}"
+        f"{c.name}, which the best of them broke by {amount(least, c.unit)}"
         for c in limits
         if (least := possible[f"violation.{c.name}"].min()) > 0
     ]
@@ -100,8 +100,8 @@ def constraint_table(run: SearchFolder) -> Table:
     rows = tuple(
         (
             constraint.name,
-            f"{constraint.sense} {_amount(constraint.limit, constraint.unit)}",
-            *(_amount(search.rigs[name].measures.get(constraint.name), "") for name in names),
+            f"{constraint.sense} {amount(constraint.limit, constraint.unit)}",
+            *(amount(search.rigs[name].measures.get(constraint.name)) for name in names),
             _broken(run.trials[f"violation.{constraint.name}"].dropna()),
         )
         for constraint in search.constraints
@@ -116,7 +116,7 @@ def _broken(violation: pd.Series) -> str:
     return f"{count:,} of {len(violation):,} ({100 * count / len(violation):.0f} %)"
 
 
-def _amount(value: float | None, unit: str) -> str:
+def amount(value: float | None, unit: str = "") -> str:
     """Format a value that keeps no more digits than it has, with its unit; a dash for None."""
     if value is None:
         return DASH

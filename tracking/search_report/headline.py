@@ -79,10 +79,9 @@ def _found(run: SearchFolder) -> Card:
     rig, few = search.rigs[name], _few_seeds(run)
     compared = (_against_baseline(search, objective, rig) for objective in search.objectives)
     lines = [*filter(None, compared), *_how_sure(run), *([grade(few)] if few else [])]
-    if search.baseline is not None and search.rigs[search.baseline].role == "paper":
-        peers = sorted({*search.rigs[search.baseline].models})
-        if len(search.models) > 1:
-            lines.append(f"The paper's rigs are of LiDAR {', '.join(peers)}.")
+    of_paper = search.baseline is not None and search.rigs[search.baseline].role == "paper"
+    if of_paper and len(search.models) > 1:
+        lines.append("The paper's rigs have the LiDAR of the key `lidar`, not of search.models.")
     lines += _against_bound(search)
     count = len(search.constraints)
     constraints_kept = (
@@ -108,13 +107,18 @@ def pairs_sentence(zones: Iterable[str]) -> str:
 def best_of_peers(search: SearchResult) -> str:
     """Describe the baseline, to follow its name."""
     base = search.rigs.get(search.baseline or "")
-    best = search.rigs[search.best[0]] if search.best else base
-    broken = "" if base is not None and base.feasible else ", which breaks a constraint"
-    lidars = ""
-    if base is not None and best is not None and len(base.mounts) != len(best.mounts):
+    if base is None:
+        return ""
+    best, lidars, broken = search.rigs[search.best[0]] if search.best else base, "", ""
+    if len(base.mounts) != len(best.mounts):
         lidars = f", with {len(base.mounts)} LiDARs instead of {len(best.mounts)}"
-    peers = "plain rigs" if base is not None and base.role == "plain" else "paper's eight"
-    return f", the best of the {peers}{lidars}{broken}"
+    if not base.feasible:
+        limits = [c for c in search.constraints if not c.is_kept(base.measures.get(c.name))]
+        broken = ", infeasible"
+        broken += f" by {', '.join(c.name for c in limits)}" if limits else ""
+    number = sum(rig.role == base.role for rig in search.rigs.values())
+    peers = "the paper's eight" if base.role == "paper" else f"{number} plain rigs"
+    return f", the best of {peers}{lidars}{broken}" if number > 1 else f"{lidars}{broken}"
 
 
 def of_front(search: SearchResult) -> str:

@@ -19,8 +19,8 @@ def binary_entropy(p: ArrayLike, rest: ArrayLike) -> NDArray[np.float64]:
     entropy = np.empty(p.shape)
     bad = _binary_entropy(p.reshape(-1), rest.reshape(-1), entropy.reshape(-1))
     if bad >= 0:
-        found = f"{p.reshape(-1)[bad]} and {rest.reshape(-1)[bad]}"
-        raise InputError("p and 1 - p must be within [0, 1] and add up to 1", found=found)
+        values = f"{p.reshape(-1)[bad]} and {rest.reshape(-1)[bad]}"
+        raise InputError("p and 1 - p must be within [0, 1] and add up to 1", found=values)
     return entropy
 
 
@@ -31,7 +31,7 @@ def entropy_of_counts(counts: NDArray[np.integer], frames: int) -> NDArray[np.fl
 
 @njit(cache=True)
 def _binary_entropy(p, rest, entropy):
-    """Fill `entropy`; returns the index of the first pair that is no probability, or -1."""
+    """Fill `entropy`; returns the index of the first pair that is not a probability, or -1."""
     for i in range(len(p)):
         small, large = min(p[i], rest[i]), max(p[i], rest[i])
         # Rounding moves the sum by 2e-16 at most; NaN fails the last comparison.

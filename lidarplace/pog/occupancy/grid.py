@@ -98,10 +98,10 @@ class OccupancyGrid(Plottable):
         of_class = {name: np.flatnonzero(boxes["class"].isin([name])) for name in classes}
         rows = np.concatenate([np.empty(0, np.int64), *of_class.values()])
         frame = frame_ids(boxes)
-        found = np.count_nonzero(np.bincount(frame[rows]))
-        if found > frames:
+        filled = np.count_nonzero(np.bincount(frame[rows]))
+        if filled > frames:
             names = ", ".join(repr(name) for name in of_class)
-            least = f"at least {found}, those with boxes of class {names}"
+            least = f"at least {filled}, those with boxes of class {names}"
             raise InputError(key="frames", expected=least, found=frames)
         geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
         grids = {}
@@ -171,11 +171,11 @@ def _check_class(name: str, boxes: pd.DataFrame) -> None:
     """Raise ValueError for a class that is neither known nor in the boxes: it is mistyped."""
     if not isinstance(name, str):
         raise InputError(key="object_class", expected="the name of a class", found=repr(name))
-    there = counts_of(boxes["class"])
-    if name not in CLASSES and name not in there:
-        found = f"{name!r}{did_you_mean(name, {*there, *CLASSES})}"
-        known = f"a class of the boxes, {listed(there)}"
-        raise InputError(key="object_class", expected=known, found=found)
+    counts = counts_of(boxes["class"])
+    if name not in CLASSES and name not in counts:
+        suggestion = f"{name!r}{did_you_mean(name, {*counts, *CLASSES})}"
+        expected = f"a class of the boxes, {listed(counts)}"
+        raise InputError(key="object_class", expected=expected, found=suggestion)
 
 
 def _check_frames(frames: int) -> None:

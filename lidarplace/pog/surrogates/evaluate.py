@@ -309,8 +309,8 @@ def _check_arguments(placement: Placement, surrogates: Collection[str]) -> None:
             choices = (
                 f"{', '.join(RAY_SURROGATES.own)} (the others are always computed) or a plug-in"
             )
-            found = f"{name!r}{did_you_mean(name, RAY_SURROGATES.own)}"
-            raise InputError(key="surrogates", expected=choices, found=found)
+            suggestion = f"{name!r}{did_you_mean(name, RAY_SURROGATES.own)}"
+            raise InputError(key="surrogates", expected=choices, found=suggestion)
 
 
 def _check_probability(q: float) -> None:

@@ -202,8 +202,8 @@ def frame_blocks(frames: pd.DataFrame, blocks: int) -> NDArray[np.int64]:
     if "frame" not in frames.columns:
         raise InputError(key="frames", expected="a column frame", found=list(frames.columns))
     if blocks < 1 or not len(frames):
-        found = f"{blocks} and {len(frames)}"
-        raise InputError(expected="at least 1 block and 1 frame", found=found)
+        counts = f"{blocks} and {len(frames)}"
+        raise InputError(expected="at least 1 block and 1 frame", found=counts)
     keys = [key for key in ("scene", "route") if key in frames.columns]
     route = frames.groupby(keys).ngroup().to_numpy() if keys else np.zeros(len(frames), np.int64)
     result, first = np.empty(len(frames), np.int64), 0

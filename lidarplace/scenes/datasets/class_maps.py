@@ -66,7 +66,7 @@ def merged(usual: ClassMap, class_map: ClassMap | None, keep_ignored: bool = Fal
 def named_class_map(name: str) -> ClassMap | None:
     """Return a class map: None for "paper", `OwnNames` for "own", else that of a YAML file.
 
-    Raises OSError if the file cannot be read, ValueError if it is no YAML, or no class map."""
+    Raises OSError if the file cannot be read, ValueError if it is not YAML, or not a class map."""
     if name in (PAPER, OWN):
         return None if name == PAPER else OwnNames()
     content = read_yaml_file(path := Path(name))

@@ -73,7 +73,7 @@ def models_of(
 ) -> list[Lidar]:
     """Return the models of a rig's LiDARs: `lidar`, the one of its name, or `defaults` of its name.
 
-    Raises ValueError if one is unknown, or a name is no LiDAR's."""
+    Raises ValueError if one is unknown, or no LiDAR has the name."""
     if isinstance(lidar, Lidar):
         return [lidar] * len(names)
     named = {**defaults, **(lidar or {})}

@@ -33,7 +33,7 @@ class Transform(BaseModel):
         turned = self.quaternion is not None or self.euler_angles is not None
         if self.matrix4x4 is None and (self.translation is None or not turned):
             raise InputError(expected="matrix4x4, or translation with quaternion or euler_angles")
-        self.matrix()  # raises ValueError for what is no rotation
+        self.matrix()  # raises ValueError unless it is a rotation
         return self
 
     def matrix(self) -> Matrix:
@@ -69,7 +69,7 @@ class Cuboid(BaseModel):
     def _is_one(self) -> Self:
         if min(self.val[-3:]) < 0:
             raise InputError(expected="sizes of at least 0", found=self.val[-3:])
-        self.pose()  # raises ValueError for a quaternion that is no rotation
+        self.pose()  # raises ValueError unless the quaternion is a rotation
         return self
 
 

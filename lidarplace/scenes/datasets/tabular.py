@@ -118,7 +118,7 @@ def read_table(path: Path, texts: Iterable[str] = TEXT) -> pd.DataFrame:
         raise InputError(place=path, expected=expected, fix=_other_reader(path))
     if path.suffix.lower() == ".csv":
         return read_csv(path, dtype=dict.fromkeys(texts, str))
-    return read_parquet(path)
+    return read_parquet(path).reset_index(drop=True)
 
 
 def _other_reader(path: Path) -> str:

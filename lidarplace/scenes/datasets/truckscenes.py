@@ -23,6 +23,6 @@ CLASSES: ClassMap = MappingProxyType(
         "vehicle.train": IGNORE,
     }
 )
-"""Classes of the 27 categories. The trailer of the vehicle itself is no object around it."""
+"""Classes of the 27 categories. The vehicle's trailer is not an object around it."""
 
 TRUCK = Vehicle("truckscenes", CLASSES, ORIGIN, poses_by_time=True)

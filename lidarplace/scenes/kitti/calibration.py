@@ -53,7 +53,7 @@ def calibration_text(calibration: Mapping[str, NDArray[np.float64]] = STANDARD) 
 def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
     """Read a file of `calib`: its matrices by name.
 
-    Raises OSError, and ValueError if a line is no matrix, or what places the camera is missing."""
+    Raises OSError, and ValueError if a line is not a matrix, or the camera has no pose."""
     matrices: dict[str, NDArray[np.float64]] = {}
     for number, line in enumerate(regular(path).read_text(errors="replace").splitlines(), start=1):
         key, *values = line.split() or [""]

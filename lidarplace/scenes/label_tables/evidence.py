@@ -4,11 +4,13 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from lidarplace.base.number_text import percent
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.convention import OUR_AXES, Convention, Sense, Zero
-from lidarplace.scenes.label_tables.mapping import TableMapping
+from lidarplace.logs.boxes import GEOMETRY, frame_ids
+from lidarplace.logs.convention import OUR_AXES, Convention, Sense, Zero, anchor_of
+from lidarplace.scenes.label_tables.mapping import OR, TableMapping
 from lidarplace.scenes.sanity_checks.motion import (
     ACROSS,
     BACKWARDS,
@@ -17,12 +19,16 @@ from lidarplace.scenes.sanity_checks.motion import (
     LEAST_STEPS,
     MOST_ACROSS,
     MOST_ASIDE,
+    MOST_BOXES,
     axes_along_motion,
     shares_across,
 )
 
 ZEROS: tuple[Zero, ...] = ("x", "y")
 SENSES: tuple[Sense, ...] = ("counterclockwise", "clockwise")
+LEAST_PAIRS = 5  # different pairs of vehicles that overlap are no mistake of a label
+VEHICLE_M = 3.0  # shorter boxes hardly move from one reference point to another
+REACH_M = 20.0  # boxes farther apart are not compared
 TURNED = 0.1  # share of headings off the axes from which the sense of yaw is of account
 
 
@@ -59,3 +65,49 @@ def convention_lines(log: BoxLog, mapping: TableMapping) -> Iterator[str]:
     else:
         sense_text = sense
     yield f"yaw: {{zero: {zero}, sense: {sense_text}}}   # {why}"
+
+
+def anchor_line(log: BoxLog, anchor: str) -> str:
+    """Return the line of an anchor at a side or corner; empty where hardly a vehicle overlaps.
+
+    Real vehicles do not overlap, so boxes that do are placed by another point than their centre. Of
+    points that fit alike two are candidates, see `TableMapping.candidates`."""
+    words = [
+        " ".join(pair).strip() for pair in product(("", "rear", "front"), ("", "left", "right"))
+    ]
+    pairs = {word: _overlapping(log, word) for word in words}
+    at_centre = pairs.pop("")
+    best, second = sorted(pairs, key=lambda word: pairs[word])[:2]
+    if at_centre < LEAST_PAIRS or pairs[best] * CLEARLY > at_centre:
+        return ""
+    upright = "" if anchor == "centre" else f" {anchor}"
+    why = f"{at_centre} pairs of vehicles overlap with {anchor}, {pairs[best]} with {best}"
+    anchors = f"{best}{upright}"
+    if pairs[second] < CLEARLY * max(pairs[best], 1):
+        anchors, why = f"{anchors}{OR}{second}{upright}", f"{why}, {pairs[second]} with {second}"
+        why += ": --preview draws both"
+    return f"anchor: {anchors}   # {why}"
+
+
+def _overlapping(log: BoxLog, anchor: str) -> int:
+    """Count pairs of vehicles that overlap in some frame if `anchor` is at the boxes' centres."""
+    boxes = log.boxes[log.boxes["length"] > VEHICLE_M].iloc[:MOST_BOXES]
+    if boxes.empty:
+        return 0
+    x, y, _, length, width, _, yaw = boxes[list(GEOMETRY)].to_numpy(np.float64).T
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    ahead, aside, _ = anchor_of(anchor or "centre")
+    x = x - (cos * ahead * length - sin * aside * width)
+    y = y - (sin * ahead * length + cos * aside * width)
+    apart = np.column_stack([x, y, 2 * REACH_M * frame_ids(boxes)])
+    one, other = cKDTree(apart).query_pairs(REACH_M, output_type="ndarray").T
+    overlap = np.ones(len(one), bool)
+    for a, b in ((one, other), (other, one)):
+        dx, dy, turn = x[b] - x[a], y[b] - y[a], yaw[b] - yaw[a]
+        c, s = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+        along, across = cos[a] * dx + sin[a] * dy, cos[a] * dy - sin[a] * dx
+        overlap &= 2 * np.abs(along) < length[a] + c * length[b] + s * width[b]
+        overlap &= 2 * np.abs(across) < width[a] + s * length[b] + c * width[b]
+    ids = boxes.groupby(["scene", "object_id"], sort=False).ngroup().to_numpy()
+    pairs = np.sort(np.column_stack([ids[one], ids[other]])[overlap], axis=1)
+    return len(np.unique(pairs, axis=0))

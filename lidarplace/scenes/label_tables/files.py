@@ -25,17 +25,18 @@ def read_label_file(path: Path, texts: Iterable[str]) -> pd.DataFrame:
 
     Nested values of JSON are columns such as `position.x`, of lists `position.0`. Of a folder each
     `.json` is a frame: a list of objects, or one that has such a list, as labelCloud and
-    SUSTechPOINTS write them; a file without objects is a row of `FILE` and `FOLDER` alone. Raises
-    ValueError if a file cannot be read, or is none of these."""
+    SUSTechPOINTS write them; a file without objects is a row without a box. Labels of
+    rows are for `row_name`. Raises ValueError if a file cannot be read, or is none of these."""
+    labels = None
     if path.is_dir():
-        rows = list(_rows_of_folder(path))
+        labels, rows = zip(*_rows_of_folder(path), strict=True)
     elif path.suffix.lower() in LINES:
         rows = list(_rows_of_lines(path))
     elif path.suffix.lower() == ".json":
         rows = _objects(read_json(path), path)
     else:
         return read_table(path, texts)
-    table = pd.DataFrame(rows)
+    table = pd.DataFrame(rows, labels)
     for name in {*texts} & {*table.columns}:
         table[name] = table[name].map(_as_text)
     return table
@@ -59,7 +60,8 @@ def _rows_of_lines(path: Path) -> Iterator[dict[str, Any]]:
         yield _flat(row)
 
 
-def _rows_of_folder(folder: Path) -> Iterator[dict[str, Any]]:
+def _rows_of_folder(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the rows, each with its label."""
     paths = sorted(folder.rglob("[!._]*.json"))
     if not paths:
         raise InputError(place=folder, expected="a file .json for each frame")
@@ -71,8 +73,8 @@ def _rows_of_folder(folder: Path) -> Iterator[dict[str, Any]]:
             raise InputError(f"frame {number} is {other.name}, too", place=path, fix=fix)
         inside = path.parent.relative_to(folder)
         of_file = {FILE: number} | ({FOLDER: inside.as_posix()} if inside.parts else {})
-        rows = [row | of_file for row in _objects(read_json(path), path)]
-        yield from rows or [of_file]
+        for row, box in enumerate(_objects(read_json(path), path)):
+            yield f"{path.relative_to(folder)}: row {row}", box | of_file
 
 
 def _numbers(stems: list[str]) -> list[float] | list[int]:
@@ -85,18 +87,20 @@ def _numbers(stems: list[str]) -> list[float] | list[int]:
 
 
 def _objects(content: Any, path: Path) -> list[dict[str, Any]]:
-    """Return the objects of a JSON file as rows, with the single values next to their list."""
+    """Return the objects of a JSON file as rows, with the single values next to their list.
+
+    A file without objects is a row of these values."""
     of_file: dict[str, Any] = {}
     if isinstance(content, dict):
         lists = [key for key, value in content.items() if _is_list_of_objects(value)]
         if len(lists) != 1:
-            found = ", ".join(lists) or "none"
-            raise InputError(place=path, expected="one list of objects", found=found)
+            names = ", ".join(lists) or "none"
+            raise InputError(place=path, expected="one list of objects", found=names)
         of_file = _flat({key: value for key, value in content.items() if key != lists[0]})
         content = content[lists[0]]
     if not _is_list_of_objects(content):
         raise InputError(place=path, expected="a list of objects")
-    return [of_file | _flat(row) for row in content]
+    return [of_file | _flat(row) for row in content or [{}]]
 
 
 def _is_list_of_objects(value: Any) -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lidarplace.base.errors import InputError
 from lidarplace.base.number_text import percent
 from lidarplace.base.ranges import FRAMES
-from lidarplace.files.columns import check_values, integers, numbers, texts
+from lidarplace.files.columns import check_values, integers, numbers, row_name, texts
 from lidarplace.logs.boxes import first
 from lidarplace.scenes.label_tables.mapping import TableMapping
 from lidarplace.scenes.label_tables.units import SECONDS, TimeUnit
@@ -48,7 +48,7 @@ def read_stamps(
         return Stamps(names, np.asarray(microseconds.to_numpy(np.float64)))
     if (row := first(dates.notna().to_numpy())) is not None:
         found, expected = str(table[stamp].iloc[row]), f"numbers, as units.time is {unit}"
-        where = {"place": f"{source}: row {row}", "key": stamp, "found": found}
+        where = {"place": f"{source}: {row_name(table, row)}", "key": stamp, "found": found}
         raise InputError("a date", **where, expected=expected, fix="write `units: {time: iso}`")
     return Stamps(names, numbers(table, [stamp], source)[:, 0])
 

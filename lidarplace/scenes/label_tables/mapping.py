@@ -34,6 +34,7 @@ from lidarplace.logs.convention import (
 from lidarplace.logs.plausibility import LogCheck
 from lidarplace.scenes.label_tables.units import METRES, RADIANS, AngleUnit, LengthUnit, TimeUnit
 
+OR = " or "  # between candidates of an anchor, of which a proposal could not decide
 Value = Annotated[Name, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
 """Value of a column: text, or a number that names something."""
 
@@ -56,7 +57,8 @@ class Quaternion(Settings):
 
 
 def _anchor(words: str) -> str:
-    anchor_of(words)
+    for candidate in words.split(OR):
+        anchor_of(candidate)
     return words
 
 
@@ -288,7 +290,7 @@ class TableMapping(Settings):
         for key, sense in senses:
             if sense is not None:
                 fix = "remove it: quaternions and directions have no sense of their own"
-                raise InputError("the headings are no angles", key=key, found=sense, fix=fix)
+                raise InputError("applies only to a column yaw", key=key, found=sense, fix=fix)
 
     @property
     def stamp(self) -> str:
@@ -296,9 +298,13 @@ class TableMapping(Settings):
         return self.columns.time or self.columns.frame or ""
 
     def candidates(self) -> dict[str, TableMapping]:
-        """Return this mapping, or each value of an open `yaw.sense` with the mapping it makes."""
+        """Return this mapping, or each value of an open key with the mapping that it makes.
+
+        Open are `yaw.sense` without a value, and an `anchor` of several."""
         if not self.yaw.is_open:
-            return {"": self}
+            anchors = self.anchor.split(OR)
+            copies = (self.model_copy(update={"anchor": anchor}) for anchor in anchors)
+            return dict(zip(anchors, copies, strict=True))
         return {
             sense: self.model_copy(update={"yaw": Yaw(zero=self.yaw.zero, sense=sense)})
             for sense in get_args(Sense)
@@ -314,7 +320,7 @@ class TableMapping(Settings):
         radians = RADIANS[self.units.angle]
         convention = Convention.of(self._axes, self.yaw.zero, self.yaw.sense, radians)
         size = METRES[self.units.size] * (2.0 if self.size == "half" else 1.0)
-        metres, anchor = METRES[self.units.position], anchor_of(self.anchor)
+        metres, anchor = METRES[self.units.position], anchor_of(self.anchor.split(OR)[0])
         return replace(convention, metres=metres, size=size, anchor=anchor)
 
     def of_poses(self) -> Convention:

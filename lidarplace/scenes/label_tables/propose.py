@@ -19,13 +19,14 @@ from lidarplace.logs.boxes import SIZE
 from lidarplace.logs.plausibility import SIZES
 from lidarplace.rigs.rotations import MOST_OFF
 from lidarplace.scenes.label_tables import units
-from lidarplace.scenes.label_tables.evidence import convention_lines
+from lidarplace.scenes.label_tables.evidence import anchor_line, convention_lines
 from lidarplace.scenes.label_tables.files import read_label_file
 from lidarplace.scenes.label_tables.frames import read_dates
 from lidarplace.scenes.label_tables.mapping import TableMapping
 from lidarplace.scenes.label_tables.read import read_labels
 from lidarplace.scenes.label_tables.units import plain
 from lidarplace.scenes.sanity_checks.boxes import SIDES_M
+from lidarplace.scenes.sanity_checks.motion import CLEARLY
 
 ALIKE = 0.8  # names less alike than this share of their letters are not taken for each other
 _NAMES = read_yaml_file(Path(__file__).with_name("names.yaml"))
@@ -61,9 +62,14 @@ def propose_mapping(path: Path) -> str:
     try:
         mapping = TableMapping.model_validate(parse_yaml(text))
         log = read_labels(table, mapping, Counter(), path.name)
+        lines[-1:] = [*convention_lines(log, mapping), ""]
+        text = "\n".join(lines)
+        mapping = TableMapping.model_validate(parse_yaml(text))
+        log = read_labels(table, mapping, Counter(), path.name)
     except ValueError:  # an open key, or values that converting names
         return text
-    return "\n".join([*lines[:-1], *convention_lines(log, mapping), ""])
+    anchor = anchor_line(log, mapping.anchor)
+    return re.sub(r"(?m)^anchor: .*$", anchor, text) if anchor else text
 
 
 def _quaternions(table: pd.DataFrame) -> dict[str, str]:
@@ -180,9 +186,16 @@ class _Proposal:
             yield f"size: half   # {self.half}"
         height = self._numbers("height") * units.METRES[self.size.unit] * (2 if self.half else 1)
         z = self.z * units.METRES[self.position.unit]
-        centre, bottom = (_median(low) for low in (z - height / 2, z))
-        at_bottom = abs(bottom) < min(abs(centre), NEAR_GROUND_M)
-        at, ground = ("bottom", bottom) if at_bottom else ("centre", centre)
+        undersides = {"centre": z - height / 2, "bottom": z, "top": z - height}
+        ground_of = {name: _median(low) for name, low in undersides.items()}
+        spread = {name: _median(abs(low - ground_of[name])) for name, low in undersides.items()}
+        at = min(spread, key=lambda name: spread[name])
+        centre, bottom, _ = ground_of.values()
+        if abs(bottom) < min(abs(centre), NEAR_GROUND_M):
+            at = "bottom"
+        elif abs(centre) < NEAR_GROUND_M or not spread[at] < spread["centre"] / CLEARLY:
+            at = "centre"
+        ground = ground_of[at]
         why = f"z is {bottom:.2f} m in the median, z less half the height {centre:.2f} m"
         yield f"anchor: {at}   # {why}"
         lift = 0.0 if not abs(ground) > NEAR_GROUND_M else -ground

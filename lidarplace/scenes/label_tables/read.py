@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from lidarplace.base.class_names import IGNORE
 from lidarplace.base.errors import InputError
 from lidarplace.base.number_text import percent
-from lidarplace.files.columns import counts_if_known, numbers, sizes, texts
+from lidarplace.files.columns import counts_if_known, numbers, row_name, sizes, texts
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import FRAME_COLUMNS, GEOMETRY, POINTS, POSE_COLUMNS, SIZE, first
 from lidarplace.logs.convention import Convention
@@ -78,7 +78,7 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
     turned = over_two_turns(yaw - convention.turn)
     if (row := first(turned)) is not None and "poses" not in mapping.accept:
         problem = f"{percent(turned.mean(), '.1f')} of the rows are over two turns of radians, the "
-        problem += f"first is row {row} with {yaw[row] - convention.turn:g}"
+        problem += f"first is {row_name(table, row)} with {yaw[row] - convention.turn:g}"
         fix = "change poses.angle of the mapping, or accept the values: accept: [poses]"
         key = mapping.column("ego_yaw")
         raise InputError(problem, place=source, key=key, fix=fix)
@@ -94,20 +94,20 @@ def _yaws(
     if columns.yaw is not None:
         return convention.yaws(numbers(table, [columns.yaw], source)[:, 0])
     names = list(names_in(columns, "quaternion", "direction").values())
-    values = numbers(table, names, source)
+    values, key = numbers(table, names, source), ", ".join(names)
     if columns.quaternion is not None:
-        turns = rotations(values, lambda row: f"{source}: row {row}: {', '.join(names)}")
+        turns = rotations(values, lambda row: f"{source}: {row_name(table, row)}: {key}")
         matrices, upright = turns.as_matrix().reshape(-1, 3, 3), convention.matrix[2]
         tilted = matrices @ upright @ upright < TILTED
         if tilted.sum() > MOST_TILTED * len(tilted):
             problem = f"{percent(tilted.mean(), '.1f')} are tilted by more than 30 degrees, the "
-            problem += f"first in row {np.argmax(tilted)}"
+            problem += f"first is {row_name(table, int(np.argmax(tilted)))}"
             fix = "change which column of the quaternion is x, y, z and w, or axes"
-            raise InputError(problem, place=source, key=", ".join(names), fix=fix)
+            raise InputError(problem, place=source, key=key, fix=fix)
         return convention.yaws_of(matrices)
     directions = _wide(values)
     if (row := first(~convention.places(directions)[:, :2].any(axis=1))) is not None:
-        place, key = f"{source}: row {row}", ", ".join(names)
+        place = f"{source}: {row_name(table, row)}"
         raise InputError("the direction is 0 along the ground", place=place, key=key)
     return convention.yaws_along(directions)
 
@@ -135,10 +135,10 @@ def read_labels(
 
     A row that has drive and time but nothing of a box is a frame, which may be empty."""
     columns = mapping.columns
-    if mapping.yaw.is_open:
-        problem = "clockwise and counterclockwise fit the values"
-        expected, fix = "one of the two", "--preview PAGE draws both"
-        raise InputError(problem, key="yaw.sense", expected=expected, found="no value", fix=fix)
+    if len(candidates := mapping.candidates()) > 1:
+        problem = f"{' and '.join(candidates)} fit the values"
+        key, fix = "yaw.sense" if mapping.yaw.is_open else "anchor", "--preview PAGE draws both"
+        raise InputError(problem, key=key, expected="one of the two", fix=fix)
     check_mapped(table, {f"columns.{key}": name for key, name in names_in(columns).items()}, source)
     if columns.drive is None and FOLDER in table and len(set(table[FOLDER])) > 1:
         problem = f"{len(set(table[FOLDER]))} folders of frames, but no drive"
@@ -147,7 +147,7 @@ def read_labels(
     frames, frame = frames_of(stamps, mapping, source)
     of_box = [n for key, n in names_in(columns).items() if key not in ("drive", "time", "frame")]
     if not (filled := table[of_box].notna().any(axis=1).to_numpy()).all():
-        table, frame = table[filled].reset_index(drop=True), frame[filled]
+        table, frame = table[filled], frame[filled]
         stamps = Stamps(stamps.drive[filled], stamps.value[filled])
     boxes = pd.DataFrame(_geometry(table, mapping, source), columns=list(GEOMETRY))
     poses = None
@@ -170,7 +170,8 @@ def read_labels(
     if columns.points is not None:
         boxes[POINTS] = counts_if_known(table, columns.points, source)
     ignored.update(texts(table, columns.category, source)[boxes["class"] == IGNORE])
-    _check_objects(boxes[boxes["class"] != IGNORE], mapping, source)
+    in_file = boxes.set_axis(table.index)
+    _check_objects(in_file[boxes["class"].to_numpy() != IGNORE], mapping, source)
     frames = frames[list(FRAME_COLUMNS)]
     if poses is not None:
         ego_in_file = turn.inv().apply([-value for value in mapping.origin.xyz])
@@ -195,9 +196,9 @@ def _classes(table: pd.DataFrame, mapping: TableMapping, source: str) -> NDArray
         counts = Counter(category[unknown])
         names = ", ".join(f"{name} {count:,}" for name, count in counts.most_common(10))
         problem = (
-            f"{percent(unknown.mean(), '.1f')} of the rows, from row {row}, have a category that "
+            f"{percent(unknown.mean(), '.1f')} of the rows, from {row_name(table, row)}, have a "
         )
-        problem += f"`classes` does not name: {names}"
+        problem += f"category that `classes` does not name: {names}"
         raise InputError(problem, place=source, key=column, fix="null leaves one out")
     return np.array([mapping.classes[name] or IGNORE for name in category], object)
 
@@ -206,11 +207,9 @@ def _check_objects(boxes: pd.DataFrame, mapping: TableMapping, source: str) -> N
     """Raise ValueError if an object is twice in a frame; `boxes` have the rows of the file."""
     twice = boxes.duplicated(["frame", "object_id"])
     if twice.any():
-        box = boxes[twice].iloc[0]
+        box, name = boxes[twice].iloc[0], row_name(boxes[twice], 0)
         problem = f"{percent(twice.mean(), '.1f')} of the rows repeat an object in its frame, the "
-        problem += (
-            f"first is row {twice.idxmax()} with {box['object_id']!r} of drive {box['scene']!r}"
-        )
+        problem += f"first is {name} with {box['object_id']!r} of drive {box['scene']!r}"
         fix = "change columns.object, columns.drive, or the key of frames: "
         fix += f"{mapping.stamp}, units.time and frames.rate_hz"
         raise InputError(problem, place=source, key=mapping.column("object"), fix=fix)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -154,29 +155,39 @@ def _roads(network: Net) -> tuple[Rectangles, list[NDArray[np.float64]]]:
 
     Every piece of every lane and crossing, with its width; and the outlines of junctions and
     walking areas, once as polygons and once as rectangles without width."""
-    pieces: list[NDArray[np.float64]] = []
-    polygons = [
-        np.array(node.getShape(), np.float64)[:, :2]
-        for node in network.getNodes()
-        if len(node.getShape()) > 2
+    areas = (edge for edge in network.getEdges() if edge.getFunction() == "walkingarea")
+    shapes = [
+        *(node.getShape() for node in network.getNodes() if len(node.getShape()) > 2),
+        *(lane.getShape() for edge in areas for lane in edge.getLanes()),
     ]
+    polygons = [np.array(shape, np.float64)[:, :2] for shape in shapes]
+    outlines = [
+        np.column_stack([polygon, np.roll(polygon, -1, axis=0), np.zeros(len(polygon))])
+        for polygon in polygons
+    ]
+    return np.concatenate([lane_rectangles(network), _rectangles(outlines)]), polygons
+
+
+def lane_rectangles(network: Net, vehicles: Collection[str] = ()) -> Rectangles:
+    """Return every piece of every lane and crossing, or of the lanes for SUMO's classes alone."""
+    pieces = []
     for edge in network.getEdges():
-        for lane in edge.getLanes():
-            shape = np.array(lane.getShape(), np.float64)[:, :2]
-            if edge.getFunction() == "walkingarea":
-                polygons.append(shape)
-            else:
+        for lane in edge.getLanes() if edge.getFunction() != "walkingarea" else ():
+            if not vehicles or any(map(lane.allows, vehicles)):
+                shape = np.array(lane.getShape(), np.float64)[:, :2]
                 width = np.full(len(shape) - 1, lane.getWidth() / 2)
                 pieces.append(np.column_stack([shape[:-1], shape[1:], width]))
-    for polygon in polygons:
-        outline = np.column_stack([polygon, np.roll(polygon, -1, axis=0)])
-        pieces.append(np.column_stack([outline, np.zeros(len(polygon))]))
-    start, end, width = np.split(np.concatenate(pieces), [2, 4], axis=1)
+    return _rectangles(pieces)
+
+
+def _rectangles(pieces: Sequence[NDArray[np.float64]]) -> Rectangles:
+    """Return rectangles around segments: rows of start, end and half of the width."""
+    start, end, width = np.split(np.concatenate([np.empty((0, 5)), *pieces]), [2, 4], axis=1)
     step = end - start
     # Half a lane's width longer at both ends, so that bends are covered.
     half_length = np.hypot(step[:, 0], step[:, 1]) / 2 + width[:, 0]
     yaw = np.arctan2(step[:, 1], step[:, 0])
-    return np.column_stack([(start + end) / 2, yaw, half_length, width]), polygons
+    return np.column_stack([(start + end) / 2, yaw, half_length, width])
 
 
 def _pairs(rectangles: Rectangles, others: Rectangles) -> NDArray[np.int64]:

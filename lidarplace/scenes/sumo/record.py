@@ -8,21 +8,21 @@ import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.sax import SAXException
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
-from lidarplace.files.atomic import reading
 from lidarplace.files.regular import regular
 from lidarplace.logs.box_log import BoxLog, join_logs
-from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS
+from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, VIEWPOINT_Z
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.routes import KEEP_M, split_of
+from lidarplace.scenes.site import POLE, Site
 from lidarplace.scenes.sumo.buildings import build_along, overlaps, within_reach
-from lidarplace.scenes.sumo.maps import build_network, find_map
+from lidarplace.scenes.sumo.junction import place_of, read_town, with_observer
+from lidarplace.scenes.sumo.maps import find_map
 from lidarplace.scenes.sumo.mirror import mirror_log
 from lidarplace.scenes.sumo.settings import GENERATED, SumoScene, TownRun
 from lidarplace.scenes.sumo.town import TownMap, sumo_home
@@ -104,9 +104,14 @@ def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
         raise InputError(f"{problem} in one simulation", key="density")
     network, town, traffic = drive(scene, run)
     pairs = overlaps(traffic)
+    if run.site is None:
+        egos = choose_egos(traffic, run.routes)
+    else:
+        traffic = with_observer(traffic, *place_of(network, town, run.site))
+        egos = [len(traffic.users) - 1]
     boxes: list[pd.DataFrame] = []
     frames: list[pd.DataFrame] = []
-    for number, ego in enumerate(choose_egos(traffic, run.routes)):
+    for number, ego in enumerate(egos):
         first = run.first_frame + number * scene.frames_per_route
         steps = moved(traffic.pose[:, ego, :2], scene.min_travel_m)
         x, y, yaw = traffic.pose[steps, ego].T
@@ -117,6 +122,7 @@ def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
             "route": run.first_route + number,
             "split": split_of(scene.split, run.part, len(steps)),
             **dict(zip(POSE_COLUMNS, (x, y, _wrap(yaw)), strict=True)),
+            **({} if run.site is None else {VIEWPOINT_Z: POLE.high}),
         }
         frames.append(pd.DataFrame(route))
         boxes.append(boxes_around(traffic, pairs, ego, steps, run, first))
@@ -130,13 +136,9 @@ def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
 
 def drive(scene: SumoScene, run: TownRun) -> tuple[Net, TownMap, Trajectories]:
     """Simulate a town run; return its road network, what is to know of it, and its traffic."""
-    from sumolib.net import readNet
-
     demand_seed, driving = np.random.SeedSequence(run.traffic_seed).spawn(2)
     with tempfile.TemporaryDirectory(prefix="lidarplace-") as name:
-        town = build_network(run.town, run.town_seed, Path(name))
-        with reading(town.path, "a SUMO network", SAXException, KeyError, ValueError):
-            network = readNet(str(town.path), withInternal=True, withPedestrianConnections=True)
+        network, town = read_town(run.town, run.town_seed, Path(name))
         routes = Path(name) / "routes.rou.xml"
         demand = write_demand(network, scene, np.random.default_rng(demand_seed), run.town, routes)
         seed = int(driving.generate_state(1)[0] >> 1)  # SUMO takes 31 bits
@@ -209,7 +211,7 @@ class TownRecording:
         return record_town(self.scene, self.run)
 
 
-def town_parts(scene: SumoScene) -> list[ScenePart]:
+def town_parts(scene: SumoScene, site: Site | None = None) -> list[ScenePart]:
     """List the simulations of a scene that have routes, training first.
 
     Raises ValueError if a map is missing."""
@@ -221,7 +223,7 @@ def town_parts(scene: SumoScene) -> list[ScenePart]:
             TownRecording(settings, run, _map_digest(run.town)),
             (run.part,) if scene.split == "route" else ("train", "test"),
         )
-        for run in scene.town_runs()
+        for run in scene.town_runs(site)
         if run.routes
     ]
 

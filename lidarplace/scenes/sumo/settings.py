@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from lidarplace.base.errors import InputError
 from lidarplace.configuration.settings import Count, CountFromOne, Seed, Text
 from lidarplace.scenes.routes import STEP_S, TEST_EVERY, Part, RouteSettings, seed_of
+from lidarplace.scenes.site import Site
 
 GENERATED = "generated"
 MAP_SUFFIXES = (".net.xml", ".xodr", ".xodr.gz")
@@ -38,6 +39,7 @@ class TownRun(BaseModel):
     routes: int  # egos to record
     town_seed: int  # decides a generated town, and where the buildings stand
     traffic_seed: int  # decides who drives where
+    site: Site | None = Field(None, exclude_if=lambda site: site is None)  # in place of egos
 
 
 class SumoScene(RouteSettings):
@@ -81,10 +83,14 @@ class SumoScene(RouteSettings):
         "are more diverse, and simulations can run in parallel",
     )
 
-    def town_runs(self) -> tuple[TownRun, ...]:
+    def town_runs(self, site: Site | None = None) -> tuple[TownRun, ...]:
         """List the simulations of the scene, training first; each can be recorded on its own.
 
-        Routes and frames are numbered through the whole scene, before anything is recorded."""
+        Routes and frames are numbered through the whole scene, before anything is recorded. At a
+        site every route has its own traffic in one town. Raises ValueError: there are several, or
+        frames are kept by travel."""
+        if site is not None:
+            self._check_stands_still()
         tests = self.towns if self.test_towns is None else self.test_towns
         places: list[tuple[Part, str, int]] = [
             *(("train", town, self.routes) for town in self.towns),
@@ -99,10 +105,12 @@ class SumoScene(RouteSettings):
             tag = str(self.seed) if other is None else f"{self.seed}.{other}"
             name = f"sumo-{tag}-{part}-{Path(town).name.split('.')[0]}"
             # A map is the same place in training and testing, and with any seed of a test.
-            place = (seed, 0, number) if town == GENERATED else (self.seed, 0, 0)
-            for first in range(0, routes, self.egos_per_run or max(routes, 1)):
+            anew = town == GENERATED and site is None
+            place = (seed, 0, number) if anew else (self.seed, 0, 0)
+            most = (self.egos_per_run or routes) if site is None else 1
+            for first in range(0, routes, max(most, 1)):
                 names[name] += 1
-                count = min(self.egos_per_run or routes, routes - first)
+                count = min(most, routes - first)
                 run = TownRun(
                     # No town's own name has a slash.
                     name=name if names[name] == 1 else f"{name}/{names[name]}",
@@ -113,10 +121,22 @@ class SumoScene(RouteSettings):
                     routes=count,
                     town_seed=seed_of(*place),
                     traffic_seed=seed_of(seed, 1, len(runs)),
+                    site=site,
                 )
                 runs.append(run)
                 route += count
         return tuple(runs)
+
+    def _check_stands_still(self) -> None:
+        towns = {*self.towns, *(self.test_towns or ())}
+        if len(towns) > 1:
+            problem, found = "a site is in one town", ", ".join(sorted(towns))
+            raise InputError(problem, key="scene.towns", expected="one", found=found)
+        if self.min_travel_m:
+            found = f"{self.min_travel_m:g}"
+            raise InputError(
+                "a site does not move", key="scene.min_travel_m", expected=0, found=found
+            )
 
     def frame_counts(self) -> tuple[int, int]:
         """Count training and test frames; upper bounds with `min_travel_m`."""

@@ -18,7 +18,7 @@ from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import public_url
 from lidarplace.mounting.outline import outline
 from lidarplace.pog.surrogates.evaluate import linear_share
-from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES, SURROGATES
 from lidarplace.requirements.tables import Ground, by_rig, case_table
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import public_yaml
@@ -30,7 +30,6 @@ from sweeps.search.output.tables import greedy_table, importances, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig, placement_of
-from sweeps.search.problem.space import rig_of
 from sweeps.search.problem.zone_records import zones_of
 from sweeps.search.trials.aggregate import class_weights
 from sweeps.search.trials.study import assessment_of, finished_trials, journal_path
@@ -145,7 +144,7 @@ def _about(
     trials = list(finished_trials(findings.study))
     different = len({problem.space.rig(trial.params) for trial in trials})
     warned = {name: findings.rigs[name].rig for name in (*findings.best[:1], findings.baseline)}
-    warned |= {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
+    warned |= problem.start_rigs
     return kinds.SearchResult(
         name=file.name,
         command=command,
@@ -218,10 +217,14 @@ def _objective(objective: ObjectiveSettings, problem: SearchProblem) -> kinds.Ob
         weights = class_weights(objective, problem.file.classes)
     elif objective.of_traffic:
         weights = objective.weights_of(problem.file.classes)
+    unit = quantity.unit if quantity else ""
+    if objective.by in OBJECT_SURROGATES and weights and len(weights) > 1:
+        kind = "sum" if {*weights.values()} == {1.0} else "weighted sum"
+        unit += f", {kind} over {len(weights)} classes"
     return kinds.Objective(
         name=objective.name,
         by=objective.by,
-        unit="times the need" if objective.by == "margin" else quantity.unit if quantity else "",
+        unit="times the need" if objective.by == "margin" else unit,
         direction=objective.best,
         weights=weights,
     )

@@ -6,7 +6,6 @@ from typing import Any
 
 from rich.console import Console
 
-from lidarplace.base.number_text import number
 from lidarplace.command_line.terminal import print_warnings, table
 from lidarplace.mounting.counts import CountBound
 from lidarplace.mounting.random_rigs import outside
@@ -19,12 +18,11 @@ from sweeps.search.greedy.certificate import why_none
 from sweeps.search.output.tables import mount_columns
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig, placement_of
-from sweeps.search.problem.space import rig_of
 from sweeps.search.trials.study import finished_trials
 from sweeps.search.verification.winners import AssessedRig, SearchFindings
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.cautions import cautions
-from tracking.search_report.feasibility import infeasible_sentences, nothing_found
+from tracking.search_report.feasibility import amount, infeasible_sentences, nothing_found
 from tracking.search_report.headline import answer, format_value, next_steps, pairs_sentence
 
 _TO_THE_LETTER = (
@@ -51,10 +49,9 @@ def warnings_of(problem: SearchProblem) -> list[str]:
         for o in settings.objective
         if o.by in SURROGATES and SURROGATES[o.by].contested and o.best == "maximize"
     ]
-    begun_with = {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
     further = unused_sensor_warnings("each rig", settings.further_settings)
     warnings = [*contested, *problem.cautions, *further, *greedy_warnings(problem)]
-    return warnings + rig_warnings(begun_with, problem)
+    return warnings + rig_warnings(problem.start_rigs, problem)
 
 
 def greedy_warnings(problem: SearchProblem) -> list[str]:
@@ -170,7 +167,7 @@ def _print_rigs(
         cells = [format_value(o, values[o.name]) if o.name in values else "" for o in objectives]
         broken = {c: " !" if assessment.violations[c] > 0 else "" for c in limits}
         rows.append(
-            (name, *cells, *(f"{number(assessment.measures[c], 3)}{broken[c]}" for c in limits))
+            (name, *cells, *(f"{amount(assessment.measures[c])}{broken[c]}" for c in limits))
         )
     head = ("placement", *(o.label for o in objectives), *limits)
     console.print(table(problem.file.name, head, rows))

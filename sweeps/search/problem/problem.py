@@ -1,7 +1,6 @@
 """The configuration of a search, read, validated and prepared."""
 
 import hashlib
-import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from lidarplace.base.metrics import METRICS
 from lidarplace.base.plugin_folders import plugin_folder
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
-from lidarplace.configuration.placement import MountSettings
+from lidarplace.configuration.sensor import LOSSES
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.vehicle import zone_in_body
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
@@ -44,7 +43,8 @@ from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep
 from sweeps.search.problem.rig import MountedLidar, Rig, ordered, placement_of
 from sweeps.search.problem.search_config import SearchConfig
 from sweeps.search.problem.slots import Assignment
-from sweeps.search.problem.space import Space, assign_to_slots
+from sweeps.search.problem.space import Space, rig_of
+from sweeps.search.problem.start import start_of
 from sweeps.search.problem.training_rigs import rigs_near, training_rigs
 from sweeps.stages.task import Task, plain
 from tracking.run_folders.search_json import UNNAMED
@@ -55,6 +55,10 @@ _ANSWERING = {
     *("detector", "training", "generalist", "mounting_errors", "allow_blind_lidars", "metrics"),
 }
 """Keys, in addition to scene, ROI and classes, that decide the values of trials."""
+ADAPTED = "first_"
+"""Start of names of the rigs that the first round of `search.adapt` chose."""
+OF_ALL_LIDARS = ("cloud_share", *LOSSES)
+"""Keys of `lidar` that also hold for LiDARs with a model."""
 _ELSEWHERE = {"trials", "vehicle", "cheapest"}
 """Keys of `search` that do not decide it, or are in its key by their content."""
 
@@ -212,6 +216,18 @@ class SearchProblem(SearchConfig):
         tasks, trial = self.pog_tasks(self.sweep())
         check_memory([*tasks, trial.surrogates], self.file.ray.address)
 
+    @property
+    def start_rigs(self) -> dict[str, Rig]:
+        """Rigs of `search.start`, with the fixed LiDARs, by name."""
+        return {name: rig_of(start, self.space) for name, start in self.start.items()}
+
+    @property
+    def start_peers(self) -> dict[str, Rig]:
+        """Rigs of `search.start` to compare with; none if it only has the paper's on the sedan."""
+        rigs = {name: rig for name, rig in self.start_rigs.items() if not name.startswith(ADAPTED)}
+        has_own = self.file.search.vehicle is not None or rigs.keys() & self.file.placements.keys()
+        return rigs if has_own else {}
+
     def paper_rigs(self) -> dict[str, Rig]:
         """Return the paper's eight with the LiDAR of the key `lidar`."""
         mounts = {name: rig.mounts for name, rig in PAPER_PLACEMENTS.items()}
@@ -240,17 +256,18 @@ def _problem(source: dict[str, Any], path: Path) -> SearchProblem:
     weather = file.weather.weather()
     lidar = file.lidar.lidar().in_weather(weather)
     chosen = {
-        name: model.lidar().in_weather(weather) for name, model in settings.models.items()
+        name: model.lidar(file.lidar.losses).in_weather(weather)
+        for name, model in settings.models.items()
     } or {UNNAMED: lidar}
     fixed = [
         MountedLidar(f.model or next(iter(chosen)), "", Mount(*f.pose)) for f in settings.fixed
     ]
     space = Space(settings, tuple(chosen), fixed)
-    start = {name: _start(file, rigs, name, space) for name in settings.start}
+    start = {name: start_of(file, rigs, name, space) for name in settings.start}
     models = chosen | {UNNAMED: lidar}
     _check_body(file, space, fixed, models)
     for key in file.verify.set if settings.models and file.verify is not None else ():
-        if key.partition(".")[0] == "lidar" and key != "lidar.cloud_share":
+        if key.startswith("lidar.") and key.removeprefix("lidar.") not in OF_ALL_LIDARS:
             problem = "changes only the paper's rigs; the others have a model of search.models"
             raise InputError(problem, key=f"verify.set.{key}")
     criteria = Criteria(
@@ -393,45 +410,17 @@ def _check_traffic(problem: SearchProblem) -> None:
 
 
 def _check_pretrained(problem: SearchProblem) -> None:
-    """Check that the generalist of a file covers rigs of the zones and those of the paper."""
+    """Check that the generalist of a file covers rigs of the zones and those to compare with."""
     if (seeds := len(problem.file.search.seeds)) > 1:
         one = "a pretrained generalist has one seed"
         raise InputError(one, key="search.seeds", expected=1, found=seeds)
-    for name, rig in {**problem.training_rigs, **problem.paper_rigs()}.items():
-        outside = problem.outside(rig, name)
-        if outside is not None:
-            of = f"{name} of the paper" if name in PAPER_PLACEMENTS else "rigs of the zones"
-            raise InputError(f"{of}: {outside}", key="search")
-
-
-def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Assignment]:
-    """Assign a placement to the slots; LiDARs without a model get the first of their zones."""
-    settings = file.placements.get(name)
-    with at(key=f"search.start: {name}"):
-        if settings is not None and settings.recorded:
-            raise InputError("has recorded LiDARs", fix="give it mounts")
-        written = settings.mounts if settings is not None else ()
-        mounts = itertools.zip_longest(rigs.of(file, name).mounts, written)
-        fixed = {(lidar.mount.x, lidar.mount.y, lidar.mount.z) for lidar in space.fixed}
-        lidars = [
-            MountedLidar("" if lidar is None else _model_of(file, number, lidar), "", mount)
-            for number, (mount, lidar) in enumerate(mounts, start=1)
-            if (mount.x, mount.y, mount.z) not in fixed
-        ]
-        return assign_to_slots(space, lidars)
-
-
-def _model_of(file: SearchFile, number: int, mount: MountSettings) -> str:
-    """Return the name of the model that a mount has; "" for a mount without a LiDAR."""
-    if mount.lidar is None:
-        return ""
-    models = {name: model.lidar() for name, model in file.search.models.items()}
-    models = models or {UNNAMED: file.lidar.lidar()}
-    name = next((name for name, model in models.items() if model == mount.lidar.lidar()), None)
-    if name is None:
-        problem = f"LiDAR {number} is none of search.models"
-        raise InputError(problem, expected=f"one of {', '.join(models)}")
-    return name
+    compared = problem.start_peers
+    if not compared and problem.file.search.vehicle is None:
+        compared = {f"{name} of the paper": rig for name, rig in problem.paper_rigs().items()}
+    zones = dict.fromkeys(problem.training_rigs, "rigs of the zones")
+    for name, rig in {**problem.training_rigs, **compared}.items():
+        if (outside := problem.outside(rig, name)) is not None:
+            raise InputError(f"{zones.get(name, name)}: {outside}", key="search")
 
 
 def _without_paths(value: Any) -> Any:

@@ -75,7 +75,12 @@ class SearchConfig:
             exclude_unset=True, include={*SensorSettings.model_fields}
         )
         for mount in settings["mounts"]:
-            mount["lidar"] = as_written(SensorSettings.model_validate(mount.get("lidar", lidar)))
+            model = SensorSettings.model_validate(mount.get("lidar", lidar))
+            written = as_written(model)
+            if losses := dict(self.file.lidar.losses):
+                losses |= {k: getattr(model, k) for k in losses.keys() & model.model_fields_set}
+                written = losses | ({"name": written} if isinstance(written, str) else written)
+            mount["lidar"] = written
         return settings
 
     def _mounted(self, lidar: MountedLidar) -> MountSettings:

@@ -17,7 +17,7 @@ from sweeps.search.problem.assess import Assessment, Criteria
 from sweeps.search.problem.plain_rigs import plain_rigs
 from sweeps.search.problem.problem import SearchProblem
 from sweeps.search.problem.rig import Rig
-from sweeps.search.problem.space import Space, rig_of
+from sweeps.search.problem.space import Space
 from sweeps.search.trials.study import Timing, assessment_of, finished_trials
 from sweeps.search.trials.traffic import Pool
 
@@ -78,20 +78,15 @@ def assess_best(
     best = _of_trials(trials, problem, pool)
     rigs = {f"found_{number}": rig for number, rig in enumerate(best, start=1)}
     rigs |= _of_others(greedy_rigs, "greedy", problem.criteria, pool)
-    if plain := _plain_rigs(problem, best):
-        return rigs | _of_others(plain, "plain", problem.criteria, pool)
-    return rigs | _of_others(problem.paper_rigs(), "paper", problem.criteria, pool)
+    plain = _plain_rigs(problem, best) | problem.start_peers
+    peers, role = (plain, "plain") if plain else (problem.paper_rigs(), "paper")
+    return rigs | _of_others(peers, role, problem.criteria, pool)
 
 
 def _plain_rigs(problem: SearchProblem, best: Sequence[AssessedRig]) -> dict[str, Rig]:
-    """Return what to compare rigs of an own vehicle with: plain ones and those of `search.start`.
-
-    None for the sedan, which has the paper's, and where no rig was found."""
+    """Return plain rigs of an own vehicle; none for the sedan, or if the search has no best rig."""
     placed = slots_of(best[0].rig, problem) if best and problem.file.search.vehicle else None
-    if placed is None:
-        return {}
-    named = {name: rig_of(start, problem.space) for name, start in problem.start.items()}
-    return plain_rigs(problem.space, placed) | named
+    return {} if placed is None else plain_rigs(problem.space, placed)
 
 
 def _of_trials(

@@ -76,7 +76,10 @@ def test_one_more_goes_where_it_finds_most(studio):
         for z in (1.6, 2.0)
         if math.hypot(x - 0.1, y - 0.6) > 0.2 < math.hypot(x, y + 0.6)
     ]
-    rigs = [Placement("level", [*studio.rig.mounts, mount], studio.file.lidar) for mount in levels]
+    rigs = [
+        Placement("level", [*studio.rig.mounts, mount], studio.file.lidar.lidar())
+        for mount in levels
+    ]
     best = max(studio.meter.measure(rig).mean_recall for rig in rigs)
     addition = studio.add_best()
     assert addition.before == before

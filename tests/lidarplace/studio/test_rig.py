@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace.configuration.placement import PlacementSettings
+from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.yaml import parse_yaml
-from lidarplace.rigs.lidar import Lidar
 from lidarplace.studio import rig as edits
 from lidarplace.studio.rig import POSE, Rig
 from lidarplace.studio.studio import History
@@ -37,8 +37,9 @@ def rigs(draw):
 def test_a_rig_is_the_placement_of_its_file(written):
     rig = Rig.of_written("mine", written)
     assert rig.written["mounts"] == written["mounts"]
-    lidar = Lidar.paper()
-    assert rig.placement(lidar) == PlacementSettings(**written).placement("mine", lidar)
+    default = SensorSettings(range_noise=0.03, drop_off=0.1)
+    placement = PlacementSettings(**written).placement("mine", default.lidar(), default.losses)
+    assert rig.placement(default) == placement
 
 
 @settings(derandomize=True)
@@ -123,9 +124,9 @@ def test_a_drag_is_one_step():
 def test_a_disabled_lidar_is_mounted_and_sees_nothing():
     rig = Rig.of_written("mine", parse_yaml("mounts: [{z: 2}, {x: 1, z: 2}]"))
     dead = edits.enabled(rig, 0, False)
-    assert dead.placement(Lidar.paper()).mounts == rig.mounts[1:]
+    assert dead.placement(SensorSettings()).mounts == rig.mounts[1:]
     assert dead.written == rig.written
-    assert edits.enabled(dead, 1, False).placement(Lidar.paper()) is None
+    assert edits.enabled(dead, 1, False).placement(SensorSettings()) is None
 
 
 def test_mistakes_name_the_key():

@@ -46,7 +46,7 @@ def test_the_numbers_are_those_of_evaluate(studio):
 
 
 def test_moving_is_coarser_in_rays_alone(studio):
-    many = replace(studio.file.lidar, azimuth_steps=36_000)
+    many = replace(studio.file.lidar.lidar(), azimuth_steps=36_000)
     rig = Placement("many", studio.rig.mounts, lidar=many)
     assert {lidar.rays for lidar in thinned(rig, 40_000).lidars} == {40_000}
     assert thinned(rig, 10**6) == rig

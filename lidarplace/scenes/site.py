@@ -1,0 +1,200 @@
+"""A site beside the road: LiDARs on poles, instead of a vehicle, and logs as they are seen there.
+
+A site is a vehicle without a body that stands still. Mounts, zones, ROI and requirements are in its
+frame: origin on the ground at x and y of the world, turned by a yaw."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from lidarplace.base.errors import InputError
+from lidarplace.base.number_text import point
+from lidarplace.base.ranges import Range
+from lidarplace.configuration.settings import Degrees, Distance, Length, Name, Settings
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import (
+    FULL_POSE_COLUMNS,
+    GEOMETRY,
+    POSE_COLUMNS,
+    SIZE,
+    VIEWPOINT_Z,
+    count_columns,
+    full_poses,
+    geometry_of,
+)
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.rigs.placement import Placement
+
+POLE = Range(0.0, 15.0)
+"""Height of a LiDAR on a pole or a gantry, metres."""
+TRAFFIC_M = 4.5
+"""Height below which a pole on a lane is in the way of vehicles, metres."""
+RECORDER = "recorder"
+"""Start of the id of the recording vehicle as an object of a site."""
+
+
+class Site(Settings):
+    """A place in the world of a scene from which LiDARs on poles look, instead of a vehicle."""
+
+    x: Length | None = Field(
+        None,
+        description="origin of the site in the world of its map or log, metres; null: the junction "
+        "with most lanes, of simulated traffic alone",
+    )
+    y: Length | None = Field(None, description="the same")
+    yaw_deg: Degrees = Field(0.0, description="of the x axis of the site, from that of the world")
+    scene: Name | None = Field(
+        None, description="scene of a log whose world is meant; null: all scenes share one"
+    )
+    within: Distance = Field(
+        30.0,
+        gt=0,
+        description="frames of a log count in which the recording vehicle is so near to the "
+        "origin, metres: farther away nobody labelled what is at the site",
+    )
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if (self.x is None) != (self.y is None):
+            raise InputError("x and y belong together", key="y" if self.y is None else "x")
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """What no LiDAR of a site may be in, in the frame of the site.
+
+    Attributes:
+        buildings: rows of `GEOMETRY`, shape (n, 7).
+        lanes: of vehicles: x, y, yaw, half of the length, half of the width, shape (m, 5)."""
+
+    buildings: NDArray[np.float64]
+    lanes: NDArray[np.float64]
+
+    @classmethod
+    def around(
+        cls,
+        pose: tuple[float, float, float],
+        buildings: NDArray[np.float64],
+        lanes: NDArray[np.float64],
+        mirrored: bool = False,
+    ) -> Obstacles:
+        """Return obstacles of a world around the pose of a site, x, y and yaw, in that world.
+
+        `mirrored`: the world is the mirror image, y for -y, of that of the site."""
+        side = -1.0 if mirrored else 1.0
+        (x0, y0, turn), moved = pose, []
+        for rows, yaw in ((buildings, 6), (lanes, 2)):
+            dx, dy, rows = rows[:, 0] - x0, rows[:, 1] - y0, rows.copy()
+            c, s = math.cos(turn), math.sin(turn)
+            rows[:, 0], rows[:, 1] = c * dx + s * dy, side * (c * dy - s * dx)
+            rows[:, yaw] = side * (rows[:, yaw] - turn)
+            moved.append(rows)
+        return cls(*moved)
+
+    def check(self, rig: Placement) -> None:
+        """Raise ValueError for the first LiDAR of a rig where no pole or gantry can hold it."""
+        for number, mount in enumerate(rig.mounts, start=1):
+            self.check_place(mount.position, f"LiDAR {number}", repr(rig.name))
+
+    def check_place(self, position: NDArray[np.float64], name: str, place: str = "") -> None:
+        """Raise ValueError unless a pole or a gantry can hold what has this name there."""
+        x, y, z = position.tolist()
+        POLE.check("z", z, place=place)
+        name, walls = f"{name} at {point(x, y, z)}", self.buildings
+        if (_holds(walls[:, [0, 1, 6, 3, 4]], 0.5, x, y) & (z <= walls[:, 5])).any():
+            raise InputError(f"{name} is inside of a building", place=place, fix="move it")
+        if z < TRAFFIC_M and _holds(self.lanes, 1.0, x, y).any():
+            expected = f"a place off the lanes, or z from {TRAFFIC_M:g} m, as on a gantry"
+            raise InputError(f"{name} is in the way of vehicles", place=place, expected=expected)
+
+
+def _holds(rectangles: NDArray[np.float64], scale: float, x: float, y: float) -> NDArray[np.bool_]:
+    """Return which rectangles, x, y, yaw and `scale` times half of their sides, hold a place."""
+    dx, dy, c, s = x - rectangles[:, 0], y - rectangles[:, 1], *_turn(rectangles[:, 2])
+    length, width = scale * rectangles[:, 3], scale * rectangles[:, 4]
+    return np.asarray((np.abs(c * dx + s * dy) <= length) & (np.abs(c * dy - s * dx) <= width))
+
+
+def _turn(yaw: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return np.cos(yaw), np.sin(yaw)
+
+
+def seen_from(log: BoxLog, site: Site) -> BoxLog:
+    """Return the log in the frame of a site, as far as the recording vehicle was near to it.
+
+    The recording vehicle becomes an object, a Car of the size of `Vehicle.car`: no log has its
+    size. Boxes stay upright. The ground is that under the vehicle where it was nearest. Counts of
+    real points and the recorded rig are left out, as they are of the vehicle.
+
+    Raises ValueError as `near` does, and if no frame is."""
+    frames = log.frames[near(log.frames, site)]
+    if frames.empty or site.x is None or site.y is None:
+        where = f"within {site.within:g} m of the site"
+        raise InputError(f"no frame with the recording vehicle {where}", key="site")
+    poses = full_poses(frames)
+    turns = np.array([turn for turn, _ in poses.values()])
+    places = np.array([place for _, place in poses.values()]) - [site.x, site.y, 0.0]
+    places[:, 2] -= (ground := places[np.hypot(*places[:, :2].T).argmin(), 2])
+    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])].drop(
+        columns=count_columns(log.boxes)
+    )
+    boxes = pd.concat([boxes, _recorder(frames)], ignore_index=True)
+    row = pd.Index(frames["frame"]).get_indexer(boxes["frame"])
+    x, y, z = (
+        np.einsum("nij,nj->ni", turns[row], boxes[["x", "y", "z"]].to_numpy(np.float64))
+        + places[row]
+    ).T
+    yaw = math.radians(site.yaw_deg)
+    c, s = math.cos(yaw), math.sin(yaw)
+    turned = boxes["yaw"].to_numpy(np.float64) + frames["ego_yaw"].to_numpy(np.float64)[row] - yaw
+    turned -= 2 * np.pi * np.round(turned / (2 * np.pi))
+    size = boxes[list(SIZE)].to_numpy(np.float64)
+    centre = np.stack([c * x + s * y, c * y - s * x, z], axis=1)
+    still = dict(
+        zip(
+            (*POSE_COLUMNS, *FULL_POSE_COLUMNS),
+            (site.x, site.y, yaw, ground, 0.0, 0.0),
+            strict=True,
+        )
+    )
+    return replace(
+        log,
+        boxes=boxes.assign(**geometry_of(centre, size, turned)),
+        frames=frames.assign(**still, **{VIEWPOINT_Z: POLE.high}).reset_index(drop=True),
+        rigs={},
+    )
+
+
+def near(frames: pd.DataFrame, site: Site) -> NDArray[np.bool_]:
+    """Return whether the recording vehicle is near to the site, of every frame, shape (F,).
+
+    Frames without a pose, and of another scene, are not. Raises ValueError: poses, or x and y of
+    the site, are missing."""
+    if site.x is None or site.y is None:
+        raise InputError("missing", key="site.x", expected="x and y in the world of the log")
+    if missing := [name for name in POSE_COLUMNS if name not in frames.columns]:
+        wrong = "missing column; a site needs the pose of the recording vehicle"
+        raise InputError(wrong, place="frames", key=", ".join(missing))
+    away = np.hypot(frames["ego_x"] - site.x, frames["ego_y"] - site.y)
+    is_near = (away <= site.within) & frames["ego_yaw"].notna()
+    of_scene = (site.scene is None) | (frames["scene"] == site.scene)
+    return np.asarray(is_near & of_scene, bool)
+
+
+def _recorder(frames: pd.DataFrame) -> pd.DataFrame:
+    """Return the recording vehicle as a box of every frame, in its own frame."""
+    extents = Vehicle.car().extents
+    low, high = extents[:, 0].min(axis=0), extents[:, 1].max(axis=0)
+    size, centre = high - low, (low + high) / 2
+    box = dict(zip(GEOMETRY, (*centre, *size, 0.0), strict=True))
+    ids = f"{RECORDER}-" + frames["scene"].astype(str) + "-" + frames["route"].astype(str)
+    of_frame = frames[["scene", "frame", "timestamp_s"]]
+    return of_frame.assign(object_id=ids, **{"class": "Car"}, **box)

@@ -1,0 +1,79 @@
+"""How numbers that need no training of their own predict detectors of the shuttle's random rigs.
+
+Run as `python studies/proof/shuttle_table.py [RUN]`. The run folder of `shuttle.yaml` replaces
+`shuttle.parquet`; without it this is read. Prints Spearman's rho with 95 % over rigs; with one
+seed, the seeds' noise is in it.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from tracking.findings.paired import with_sums
+from tracking.statistics.confidence_interval import intervals
+
+TABLE = Path(__file__).parent / "shuttle.parquet"
+TARGETS = {
+    "Pedestrian recall": ("Pedestrian", "class_recall_3D", 0.5),
+    "Cyclist recall": ("Cyclist", "class_recall_3D", 0.5),
+    "recall of all": ("all", "recall", 0.5),
+    "Car AP over IoU": ("Car", "AP_R40_3D_mean", 0.0),
+}
+"""Class, metric, IoU; 0: over all of them."""
+PREDICTORS = {
+    "pretrained": "the package's generalist",
+    "expected_recall": "expected recall",
+    "covered_entropy": "covered entropy",
+    "expected_ig": "expected IG",
+}
+
+
+def main() -> None:
+    """Print a row for each of PREDICTORS, a column for each of TARGETS."""
+    if len(sys.argv) > 1:
+        distilled(Path(sys.argv[1])).to_parquet(TABLE, index=False)
+    print(shuttle_table())
+
+
+def distilled(run: Path) -> pd.DataFrame:
+    """Return what is predicted and what detectors reach: placement, target, name, value.
+
+    Means over the tests. `name` is one of PREDICTORS, or "specialist"."""
+    results = pd.read_parquet(run / "results.parquet")
+    surrogates = with_sums(pd.read_parquet(run / "surrogates.parquet"))
+    rows = []
+    for target, (object_class, metric, iou) in TARGETS.items():
+        same = (results["class"] == object_class) & (results["metric"] == metric)
+        reached = results[same & np.isclose(results["iou"], iou)]
+        reached = reached.rename(columns={"evaluator": "name"})
+        scored = surrogates[surrogates["class"] == object_class]
+        scored = scored.rename(columns={"surrogate": "name"})
+        rows += [table.assign(target=target) for table in (reached, scored)]
+    keys = ["placement", "target", "name"]
+    every = pd.concat(rows, ignore_index=True).groupby(keys, as_index=False)["value"].mean()
+    return every[every["name"].isin([*PREDICTORS, "specialist"])]
+
+
+def shuttle_table() -> str:
+    """Make the table of rho as Markdown."""
+    values = pd.read_parquet(TABLE).pivot(
+        index="placement", columns=["target", "name"], values="value"
+    )
+    lines = [f"| | {' | '.join(TARGETS)} |", "|---" * (1 + len(TARGETS)) + "|"]
+    for name, words in PREDICTORS.items():
+        cells = (_rho(values[target, name], values[target, "specialist"]) for target in TARGETS)
+        lines.append(f"| {words} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _rho(x: pd.Series, y: pd.Series) -> str:
+    rho = stats.spearmanr(x, y).statistic
+    low, high = intervals(x.to_numpy(), y.to_numpy()[:, None], "spearman")
+    return f"{rho:.2f} ({low:.2f} to {high:.2f})".replace("-", "−")
+
+
+if __name__ == "__main__":
+    main()
