@@ -12,6 +12,10 @@ three, 0.1 s apart, of which the middle one is evaluated. The package's generali
 paper's placements with LiDARs at 10 Hz: locked ahead, locked behind, where the scan then begins and
 ends ahead, with free phases, and without compensation of the motion of the vehicle.
 
+`--train logs/sumo-21` first fine-tunes the generalist for each condition and placement, on the
+training frames of a log in which everything moves alike: of the scene {seed: 21, density: 80,
+routes: 24, test_routes: 1, frames_per_route: 24, frame_stride: 10, egos_per_run: 2}.
+
 Prints Car AP over IoU, the mean of the placements and its change, and Spearman's rho of the ranking
 with that of a still world; with 95 % intervals of the jackknife over routes, paired."""
 
@@ -29,12 +33,13 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr, t
 
 from lidarplace import PAPER_PLACEMENTS, Lidar
-from lidarplace.clouds.collect import SimulatedClouds, crop_for
+from lidarplace.clouds.collect import SimulatedClouds, collect, crop_for
 from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.clouds.visibility import ground_truth
 from lidarplace.logs.box_log import BoxLog, read_box_log
 from lidarplace.rigs.scan_timing import ScanTiming
 from training.detect import Predictor
+from training.finetune import TrainingContext, finetune
 from training.kitti_ap import evaluation
 from training.pretrained import read_generalist
 from training.settings import TrainingSettings
@@ -54,9 +59,9 @@ CONDITIONS = {
 }
 
 
-def at_speed(log: BoxLog, speed: float) -> BoxLog:
-    """The test frames, with a frame before and after each in which all cars move at `speed`."""
-    frames = log.frames[log.frames["split"] == "test"]
+def at_speed(log: BoxLog, speed: float, split: str = "test") -> BoxLog:
+    """The frames of a split, with one before and after each in which all cars move at `speed`."""
+    frames = log.frames[log.frames["split"] == split]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
     tables: tuple[list[pd.DataFrame], list[pd.DataFrame]] = ([], [])
     for number in (-1, 0, 1):
@@ -81,21 +86,40 @@ def at_speed(log: BoxLog, speed: float) -> BoxLog:
     return replace(log, boxes=boxes, frames=frames)
 
 
-def values(log: BoxLog, frames: pd.DataFrame, timing: ScanTiming | None) -> pd.DataFrame:
-    """Car AP over IoU of every placement, and without each route."""
+def middle(log: BoxLog, every: int) -> pd.DataFrame:
+    """Every so many of the frames of `at_speed` that have neighbours."""
+    return log.frames[log.frames["frame"] % 3 == 0].iloc[::every]
+
+
+def truths_of(log: BoxLog, frames: pd.DataFrame) -> pd.DataFrame:
+    """The objects that count in some frames."""
+    still = replace(log, boxes=log.boxes[log.boxes["frame"].isin(frames["frame"])], frames=frames)
+    return ground_truth(still, X, Y, Z, seed=0)
+
+
+def values(
+    tested: tuple[BoxLog, pd.DataFrame],
+    trained: tuple[BoxLog, pd.DataFrame] | None,
+    timing: ScanTiming | None,
+    placements: list[str] | None,
+) -> pd.DataFrame:
+    """Car AP over IoU of every placement, and without each route; of a log and some frames."""
     generalist = read_generalist()
     lidar = replace(Lidar.even(azimuth_steps=900, range_noise=0.02, drop_off=0.05), timing=timing)
-    rigs = {name: rig.with_lidar(lidar) for name, rig in PAPER_PLACEMENTS.items()}
-    crop = crop_for(X, Y, Z, rigs["center"])
-    surroundings, numbers = Surroundings(log), frames["frame"].to_numpy()
-    still = replace(log, boxes=log.boxes[log.boxes["frame"].isin(numbers)], frames=frames)
-    truths = ground_truth(still, X, Y, Z, seed=0)
-    network = (generalist.detector, generalist.classes, generalist.state_dict)
-    predictor = Predictor(*network, TrainingSettings(), crop, generalist.typical)
-    rows = []
-    for name, rig in rigs.items():
-        clouds = SimulatedClouds(surroundings, numbers, rig, crop)
-        boxes = predictor.detect(clouds).boxes
+    crop = crop_for(X, Y, Z, PAPER_PLACEMENTS["center"].with_lidar(lidar))
+    log, frames = tested
+    surroundings, truths, rows = Surroundings(log), truths_of(log, frames), []
+    weights, settings = generalist.state_dict, TrainingSettings(epochs=3, rotation=0.1)
+    context = TrainingContext(crop, generalist.typical, generalist=weights)
+    network = generalist.detector, generalist.classes
+    for name in placements or PAPER_PLACEMENTS:
+        rig = PAPER_PLACEMENTS[name].with_lidar(lidar)
+        if trained:
+            clouds = collect(trained[0], trained[1]["frame"].to_numpy(), rig, crop)
+            training = *network, clouds, truths_of(*trained), settings
+            weights = finetune(*training, seed=1, context=context).state_dict
+        test = SimulatedClouds(surroundings, frames["frame"].to_numpy(), rig, crop)
+        boxes = Predictor(*network, weights, settings, crop, generalist.typical).detect(test).boxes
         left_out = evaluation(truths, boxes, frames, ["Car"]).left_out
         assert left_out is not None
         mean = left_out[left_out["metric"] == "AP_R40_3D_mean"]
@@ -131,12 +155,26 @@ def main(
     log: Path,
     out: Path = Path("scan_time.csv"),
     every: Annotated[int, typer.Option(help="frames between two that are evaluated")] = 1,
+    train: Annotated[Path | None, typer.Option(help="log on which the generalist goes on")] = None,
+    placement: Annotated[
+        list[str] | None, typer.Option(help="of the paper's; default: all")
+    ] = None,
+    condition: Annotated[list[str] | None, typer.Option(help="after 0 m/s; default: all")] = None,
 ) -> None:
     recorded, tables = read_box_log(log), []
+    learnt = read_box_log(train) if train else None
     for name, (speed, timing) in CONDITIONS.items():
+        if speed and condition and name not in condition:
+            continue
         moving = at_speed(recorded, speed)
-        frames = moving.frames[moving.frames["frame"] % 3 == 0].iloc[::every]
-        tables.append(values(moving, frames, timing).assign(condition=name))
+        trained = at_speed(learnt, speed, "train") if learnt else None
+        table = values(
+            (moving, middle(moving, every)),
+            (trained, middle(trained, every)) if trained else None,
+            timing,
+            placement,
+        )
+        tables.append(table.assign(condition=name))
         pd.concat(tables).to_csv(out, index=False)
         print("\n".join(lines(pd.concat(tables))), flush=True)
 

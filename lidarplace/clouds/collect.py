@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -141,9 +142,6 @@ class SimulatedClouds:
         self._vehicle, self._body = vehicle, body_parts(vehicle)
         self._patterns = any(lidar.pattern is not None for lidar in lidars)
         self._take_time = any(lidar.timing is not None for lidar in lidars)
-        if self._take_time and self.has_static_world():
-            problem, fix = "a static world does not move", "remove rate_hz, or world.npz of the log"
-            raise InputError(problem, key="rate_hz", fix=fix)
         moves = bool(errors) or self._patterns
         self._ends = None if moves else ends_in_rig(placement, vehicle)
         self.crop, self.seed = crop, seed
@@ -235,21 +233,30 @@ class SimulatedClouds:
             surroundings, poses = (scene.parts, scene.world, region), None
             hits = cast_in_world(mount, lidar, *surroundings, into, ends)
         else:
-            moments, ego, poses = _moments(lidar, timing, key), scene.motion.ego, None
-            if timing.compensated:
-                poses, region = poses_at(moments, ego), _grown(region, timing.half, ego)
+            ego, phase = scene.motion.ego, timing.phase
+            if phase is None:
+                phase = np.random.default_rng(key_of(*key, _PHASE)).uniform(0, 2 * math.pi)
+            moments, poses = _scan(lidar, timing, phase, tuple(ego.tolist()))
+            if poses is not None:
+                region = _grown(region, timing.half, ego)
             moving = scene.parts, scene.motion, moments
             hits = cast_moving(mount, lidar, *moving, region, into, ends)
         self._hits[lidar.rays] = hits
         return hits, poses
 
 
-def _moments(lidar: Lidar, timing: ScanTiming, key: tuple[int, int, int]) -> NDArray[np.float64]:
-    """Return the moments of the rays of a LiDAR in a frame, whose free phase is drawn by `key`."""
-    phase = timing.phase
-    if phase is None:
-        phase = np.random.default_rng(key_of(*key, _PHASE)).uniform(0, 2 * math.pi)
-    return timing.moments(lidar.scan_shares(), phase)
+@lru_cache(maxsize=8)  # equal LiDARs of a rig share it
+def _scan(
+    lidar: Lidar, timing: ScanTiming, phase: float, ego: tuple[float, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Return the moments of the rays of a LiDAR, and poses of the vehicle that move its points."""
+    moments = timing.moments(_shares(lidar), phase)
+    return moments, poses_at(moments, ego) if timing.compensated else None
+
+
+@lru_cache(maxsize=64)
+def _shares(lidar: Lidar) -> NDArray[np.float64]:
+    return lidar.scan_shares()
 
 
 def _grown(region: Crop, half: float, ego: NDArray[np.float64]) -> Crop:

@@ -1,14 +1,16 @@
 """Cast the rays of a LiDAR that takes time for a frame, while parts and vehicle move.
 
 Each ray meets every part where that is at the moment of the ray, in the frame of the vehicle at
-that moment. The scan is cut into short spans of time. In each, parts are placed at its middle, and
-move from there to first order: exactly along a line, and with an error of the square of the angle
-by which they turn within half a span. `lidarplace.clouds.raycast` explains how rays meet parts.
+that moment. A part is placed once: in the middle of the time in which the scan passes the azimuths
+at which it may be. From there it moves to first order: exactly along a line, and with an error of
+the square of the angle by which it turns. So a part is placed once more for the other side of the
+seam, where the scan begins and ends, and for every `MOST_TURN` by which it turns. Rays of a pattern
+are spread over the whole time, so that all of it counts. `lidarplace.clouds.raycast` explains how
+rays meet parts.
 
 The distance of the sensor to a plane changes with the moment, not with the beam. So the inverse
-distances at which rays of a span meet a plane are `ce a + se b`, with a and b of each azimuth."""
+distances at which rays meet a plane are `ce a + se b`, with a and b of each azimuth."""
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -16,7 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import inlined, inner, njit
-from lidarplace.clouds.convex import Window, fill_corners, plane_of, window_of
+from lidarplace.clouds.convex import fill_corners, fill_planes, window_of
+from lidarplace.clouds.moving_parts import (
+    fill_moving_planes,
+    grown_window,
+    is_beyond,
+    place_at,
+    window_around,
+)
 from lidarplace.clouds.raycast import (
     EVERYWHERE,
     GROUND,
@@ -30,6 +39,7 @@ from lidarplace.clouds.raycast import (
     height_over_ground,
     is_apart,
     is_between,
+    meet_part,
     rays_of,
     runs,
     start_nearest,
@@ -38,8 +48,10 @@ from lidarplace.clouds.shapes import BODY, PANE, Parts
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
 
-SPANS = 8
-"""Spans of time of a scan; one more where it begins between two azimuth steps."""
+MOST_TURN = 0.01
+"""Angle by which a part turns while it is placed once, radians."""
+_MOST_PIECES = 8  # into which a run of steps is cut
+_MOST_RUNS = 4  # of steps at which a part may be: two, and each may be cut by the seam
 
 
 class Motion(NamedTuple):
@@ -52,33 +64,6 @@ class Motion(NamedTuple):
 
     ego: NDArray[np.float64]
     parts: NDArray[np.float64]
-
-
-class Scan(NamedTuple):
-    """Moments of rays, as compiled code takes them.
-
-    Attributes:
-        moments: seconds, shape (1, fired_steps), of a pattern (beams, 1).
-        spans: earliest and latest moment of each span of time, seconds, and its first and past the
-            last step, shape (S, 4)."""
-
-    moments: NDArray[np.float64]
-    spans: NDArray[np.float64]
-
-
-def scan_of(moments: NDArray[np.float64]) -> Scan:
-    """Cut moments, of `ScanTiming`, into spans of time."""
-    if moments.shape[1] == 1:  # a pattern: all its rays are in each span, and those of others pass
-        edges = np.linspace(moments.min(), moments.max(), SPANS + 1)
-        edges[-1] = np.inf
-        ends = np.tile([0.0, 1.0], (SPANS, 1))
-        return Scan(moments, np.column_stack([edges[:-1], edges[1:], ends]))
-    steps = moments.shape[1]
-    seam = np.flatnonzero(np.abs(np.diff(moments[0])) > 0.5 * np.ptp(moments)) + 1
-    edges = np.unique(np.concatenate([np.linspace(0, steps, SPANS + 1).round(), seam]))
-    ends = np.stack([edges[:-1], edges[1:]], axis=1)
-    times = np.sort(moments[0][ends.astype(np.int64) - [0, 1]], axis=1)
-    return Scan(moments, np.column_stack([times, ends]))
 
 
 def part_motion(
@@ -109,32 +94,30 @@ def cast_moving(
     number = lidar.rays
     hits = into or Hits(np.empty(number), np.empty(number, np.int32), np.empty(number))
     surfaces = Surfaces(parts.geometry, parts.owner, parts.reflectivity)
-    region, scan = np.array(crop, np.float64), scan_of(moments)
+    region = np.array(crop, np.float64)
     for rays, numbers in rays_of(mount, lidar):
-        _cast(rays, surfaces, (motion, scan), region, ends[numbers], hits.of(numbers))
+        _cast(rays, surfaces, (motion, moments), region, ends[numbers], hits.of(numbers))
     return hits
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def poses_at(moments, ego):
-    """Return cosine and sine of the yaw of the vehicle at moments, and its x and y; (n, m, 4)."""
-    poses = np.empty((*moments.shape, 4))
-    for n in range(moments.shape[0]):
-        for m in range(moments.shape[1]):
-            t = moments[n, m]
-            poses[n, m, 0], poses[n, m, 1] = math.cos(ego[2] * t), math.sin(ego[2] * t)
-            poses[n, m, 2], poses[n, m, 3] = ego[0] * t, ego[1] * t
-    return poses
+def poses_at(moments: NDArray[np.float64], ego: Sequence[float]) -> NDArray[np.float64]:
+    """Return cosine and sine of the yaw of the vehicle at moments, and its x and y.
+
+    Of moments of the shape (n, m) they have the shape (n, 4, m)."""
+    turn = ego[2] * moments
+    return np.stack([np.cos(turn), np.sin(turn), ego[0] * moments, ego[1] * moments], axis=1)
 
 
 class _Faces(NamedTuple):
-    """Parts in spans of time.
+    """Placed parts.
 
     Attributes:
-        planes: of each, see `_fill_planes`, shape (n, 6, 8).
-        part, centre: number of each, and the centre of its span, shape (n,)."""
+        planes: of each, see `fill_moving_planes`, shape (n, 6, 8).
+        facing: how many of its planes, the first ones, may face the sensor, shape (n,).
+        part, centre: number of each, and the moment at which it is placed, shape (n,)."""
 
     planes: NDArray[np.float64]
+    facing: NDArray[np.int32]
     part: NDArray[np.int32]
     centre: NDArray[np.float64]
 
@@ -142,119 +125,94 @@ class _Faces(NamedTuple):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cast(rays, surfaces, moving, crop, ends, hits):
     """Fill the `hits` of `Rays` on `Surfaces`; further arguments as of `cast_moving`."""
-    (origin, rotation, beams), (motion, scan) = rays, moving
-    number, steps, spans = len(surfaces.owner), beams.azimuths.shape[2], len(scan.spans)
+    (origin, rotation, beams), (motion, moments) = rays, moving
+    number, steps = len(surfaces.owner), beams.azimuths.shape[2]
     nearest = Nearest(np.empty(len(hits.range)), np.empty(len(hits.range), np.int32))
     start_nearest(rays, ends, True, nearest)
-    most = number * spans
-    faces = _Faces(np.empty((most, 6, 8)), np.empty(most, np.int32), np.empty(most))
-    corners, count, moved, rate = np.empty((8, 3)), 0, np.empty(10), np.empty(3)
-    memory, region = (np.empty((6, 2, steps)), np.empty(steps)), np.empty(6)
-    half = np.abs(scan.moments).max()
+    most = number * _MOST_RUNS * _MOST_PIECES
+    numbers = np.empty(most, np.int32), np.empty(most, np.int32)
+    faces, count = _Faces(np.empty((most, 6, 8)), *numbers, np.empty(most)), 0
+    corners, moved, rate, region = np.empty((8, 3)), np.empty(10), np.empty(3), np.empty(6)
+    fixed = np.empty((6, 5))  # planes of what does not move
+    memory, pieces = np.empty((13, steps)), np.empty((_MOST_RUNS * _MOST_PIECES, 4))
+    half = np.abs(moments).max()
+    seam = _seam(moments, half)
     for part in range(number):
         box, rides = surfaces.geometry[part], surfaces.owner[part] == BODY
-        speed = _place(box, motion, part, rides, 0.0, moved, rate)
-        around = _around(box, speed * half, origin, rotation)
-        if around.nearest > beams.reach:
+        speed = place_at(box, motion, part, rides, 0.0, moved, rate)
+        turn = 0.0 if rides else abs(motion.ego[2]) + abs(motion.parts[part, 4])
+        around = window_around(box, speed * half, origin, rotation)
+        if around.nearest > beams.reach or is_beyond(box, speed * half, origin, crop):
             continue
-        steps_around = runs(beams, 0, around)
-        for span in range(spans):
-            early, late = scan.spans[span, 0], min(scan.spans[span, 1], half)
-            within = int(scan.spans[span, 2]), int(scan.spans[span, 3])
-            if len(beams.aimed) == 0 and not _overlap(steps_around, within):
-                continue
+        for n in range(_cut(beams, moments, (half, speed, turn, seam), around, pieces)):
+            early, late = pieces[n, 2], pieces[n, 3]
             centre, reach = 0.5 * (early + late), 0.5 * (late - early)
-            speed = _place(box, motion, part, rides, centre, moved, rate)
+            place_at(box, motion, part, rides, centre, moved, rate)
             fill_corners(moved, corners)
             for axis in range(3):
                 region[axis] = crop[axis] - speed * reach
                 region[3 + axis] = crop[3 + axis] + speed * reach
             if is_apart(corners, origin, region):
                 continue
-            window = _grown(window_of(corners, origin, rotation), speed * reach)
+            window = grown_window(window_of(corners, origin, rotation), speed * reach)
             if window.nearest > beams.reach or not is_between(beams, window):
                 continue
-            _fill_planes(moved, rate, origin, rotation, faces.planes[count])
-            faces.part[count], faces.centre[count] = part, centre
-            _meet(beams, window, (faces, count), (scan, span), memory, nearest)
+            planes = faces.planes[count]
+            facing = fill_moving_planes(moved, rate, (origin, rotation), reach, planes)
+            faces.part[count], faces.centre[count], faces.facing[count] = part, centre, facing
+            if speed == 0.0:
+                facing = fill_planes(box, origin, rotation, fixed)
+                if facing > 0:
+                    meet_part(beams, window, (count, facing, fixed), memory[0], nearest)
+            elif facing > 0:
+                piece = pieces[n], centre
+                _meet(beams, window, (planes, count), (moments, piece), memory, nearest)
             count += 1
-    _fill_hits(rays, surfaces, faces, scan, nearest, hits)
+    _fill_hits(rays, surfaces, faces, moments, nearest, hits)
 
 
 @inner
-def _place(box, motion, part, rides, t, moved, rate):
-    """Fill where a part is in the frame of the vehicle at a moment, and its velocity and yaw rate.
-
-    Returns the bound of the speed of its points from then to the end of the scan, nearly. `rides`:
-    whether it is of the vehicle."""
-    moved[:] = box
-    rate[:] = 0.0
-    if rides:
-        return 0.0
-    (ux, uy, turn), (cx, cy, vx, vy, spin) = motion.ego, motion.parts[part]
-    c, s, rx, ry = math.cos(spin * t), math.sin(spin * t), box[0] - cx, box[1] - cy
-    rx, ry = c * rx - s * ry, s * rx + c * ry
-    x, y = cx + (vx - ux) * t + rx, cy + (vy - uy) * t + ry
-    wx, wy = vx - ux - spin * ry, vy - uy + spin * rx
-    c, s = math.cos(turn * t), math.sin(turn * t)
-    moved[0], moved[1], moved[6] = c * x + s * y, c * y - s * x, box[6] + (spin - turn) * t
-    rate[0] = c * wx + s * wy + turn * moved[1]
-    rate[1] = c * wy - s * wx - turn * moved[0]
-    rate[2] = spin - turn
-    return 1.1 * (math.hypot(rate[0], rate[1]) + abs(rate[2]) * math.hypot(box[3], box[4]))
+def _seam(moments, half):
+    """Return the step before which the scan of a LiDAR that turns ends; 0: it ends at the last."""
+    for n in range(1, moments.shape[1]):
+        if abs(moments[0, n] - moments[0, n - 1]) > half:
+            return n
+    return 0
 
 
 @inner
-def _around(box, metres, origin, rotation):
-    """Return a window around the sphere that holds a part whose points may be so many metres away.
+def _cut(beams, moments, cuts, window, pieces):
+    """Fill pieces of the scan at which a part may be in a window; return their number.
 
-    Its elevations are not bounded."""
-    ex, ey, ez = box[0] - origin[0], box[1] - origin[1], box[2] - origin[2]
-    x = rotation[0, 0] * ex + rotation[1, 0] * ey + rotation[2, 0] * ez
-    y = rotation[0, 1] * ex + rotation[1, 1] * ey + rotation[2, 1] * ez
-    radius = metres + 0.5 * math.sqrt(box[3] ** 2 + box[4] ** 2 + box[5] ** 2)
-    axis_distance = math.hypot(x, y)
-    turn = math.asin(radius / axis_distance) if radius < axis_distance else math.pi
-    nearest = math.sqrt(ex**2 + ey**2 + ez**2) - radius
-    return Window(math.atan2(y, x), turn, turn, -math.pi, math.pi, nearest, np.inf, axis_distance)
-
-
-@inner
-def _grown(window, metres):
-    """Return the window of a part whose points may be so many metres away."""
-    azimuth, right, left, lowest, highest, nearest, farthest, axis_distance = window
-    if metres >= axis_distance:
-        return Window(azimuth, math.pi, math.pi, -math.pi, math.pi, 0.0, farthest, 0.0)
-    angle = math.asin(metres / axis_distance)
-    right, left = min(right + angle, math.pi), min(left + angle, math.pi)
-    lowest, highest, nearest = lowest - angle, highest + angle, nearest - metres
-    return Window(azimuth, right, left, lowest, highest, nearest, farthest, axis_distance)
+    Of each its first and past the last step, and its first and last moment, shape (n, 4). `cuts`
+    are the largest moment, the speed and the yaw rate of the part at most, and the step at the
+    seam. What does not move is in one piece."""
+    half, speed, turn, seam = cuts
+    count = 0
+    if len(beams.aimed) or speed == 0.0:
+        count = _pieces_of(turn * 2.0 * half)
+        for n in range(count):
+            early, late = 2.0 * n / count - 1.0, 2.0 * (n + 1) / count - 1.0
+            pieces[n, 0], pieces[n, 1], pieces[n, 2], pieces[n, 3] = 0, 1, half * early, half * late
+        return count
+    for first, last in runs(beams, 0, window):
+        for start, end in ((first, min(last, seam)), (max(first, seam), last)):
+            size = end - start
+            if size <= 0:
+                continue
+            number = _pieces_of(turn * abs(moments[0, end - 1] - moments[0, start]))
+            for n in range(min(number, size)):
+                a, b = start + size * n // number, start + size * (n + 1) // number
+                one, other = moments[0, a], moments[0, b - 1]
+                pieces[count, 0], pieces[count, 1] = a, b
+                pieces[count, 2], pieces[count, 3] = min(one, other), max(one, other)
+                count += 1
+    return count
 
 
 @inlined
-def _overlap(ends, within):
-    """Return whether one of two runs of steps has a step within others."""
-    (a, b), (c, d) = ends
-    return max(a, within[0]) < min(b, within[1]) or max(c, within[0]) < min(d, within[1])
-
-
-@inner
-def _fill_planes(part, rate, origin, rotation, planes):
-    """Fill the planes of a part that moves, shape (6, 8).
-
-    Of each its inward normal in the sensor's frame and the rate at which that turns, and the
-    signed distance of the sensor outside of it and its rate."""
-    c, s = math.cos(part[6]), math.sin(part[6])
-    ex, ey, oz = origin[0] - part[0], origin[1] - part[1], origin[2] - part[2]
-    place = c * ex + s * ey, c * ey - s * ex, oz
-    for face in range(6):
-        nx, ny, nz, distance = plane_of(part, face, place)
-        ax, ay = c * nx - s * ny, s * nx + c * ny
-        for k in range(3):
-            planes[face, k] = -(ax * rotation[0, k] + ay * rotation[1, k] + nz * rotation[2, k])
-            planes[face, 3 + k] = -rate[2] * (ax * rotation[1, k] - ay * rotation[0, k])
-        planes[face, 6] = distance
-        planes[face, 7] = rate[2] * (ax * ey - ay * ex) - ax * rate[0] - ay * rate[1]
+def _pieces_of(turn):
+    return int(min(1.0 + turn / MOST_TURN, _MOST_PIECES))
 
 
 @inlined
@@ -266,43 +224,69 @@ def _distance(plane, t):
 
 @inner
 def _meet(beams, window, face, when, memory, nearest):
-    """Let the rays of a span of time that enter a part meet it where nothing nearer is met."""
-    scan, span = when
-    early, late = scan.spans[span, 0], scan.spans[span, 1]
-    low, top = int(scan.spans[span, 2]), int(scan.spans[span, 3])
-    start, end = beams_in(beams, window)
+    """Let the rays of a piece of the scan that enter a part meet it where nothing nearer is met."""
+    (planes, number), (moments, (piece, centre)) = face, when
+    beams_within = beams_in(beams, window)
     if len(beams.aimed) == 0:
+        low, top, times = int(piece[0]), int(piece[1]), moments[0]
         for first, last in runs(beams, 0, window):
+            # Further steps make whole vectors.
             steps = max(first & ~7, low), min((last + 7) & ~7, top)
-            _meet_beams(beams, window, (start, end), steps, face, scan.moments[0], memory, nearest)
+            rays = beams_within, steps, times
+            _meet_beams(beams, window, rays, (planes, number, centre), memory, nearest)
         return
-    for beam in range(start, end):
-        if early <= scan.moments[beam, 0] < late:
-            times = scan.moments[beam]
-            _meet_beams(beams, window, (beam, beam + 1), (0, 1), face, times, memory, nearest)
+    for beam in range(beams_within[0], beams_within[1]):
+        elevation, ce, se = beams.elevations[beam]
+        t = moments[beam, 0]
+        if window.lowest <= elevation <= window.highest and piece[2] <= t <= piece[3]:
+            cosine, sine = beams.azimuths[beam, 0, 0], beams.azimuths[beam, 1, 0]
+            inverse = _enter_once(planes, t - centre, (ce * cosine, ce * sine, se))
+            if inverse > nearest.inverse[beam]:
+                nearest.inverse[beam], nearest.part[beam] = inverse, number
+
+
+@inlined
+def _toward(plane, t, ray):
+    """Return the cosine of a ray with the inward normal of a plane."""
+    x, y, z = plane[0] + t * plane[3], plane[1] + t * plane[4], plane[2] + t * plane[5]
+    return ray[0] * x + ray[1] * y + ray[2] * z
+
+
+@inlined
+def _enter_once(planes, t, ray):
+    """Return the inverse distance at which a ray enters a part; negative: it misses it."""
+    enter, leave = np.inf, -np.inf
+    for k in range(6):
+        distance = _distance(planes[k], t)
+        inverse = _toward(planes[k], t, ray) / distance
+        if distance > 0.0:
+            enter = min(enter, inverse)
+        else:
+            leave = max(leave, inverse)
+    return enter if leave <= enter < np.inf else -1.0
 
 
 @inner
-def _meet_beams(beams, window, some, ends, face, times, memory, nearest):
+def _meet_beams(beams, window, rays, face, memory, nearest):
     """Let the steps of some beams, from first to past the last, meet a part.
 
     Runs of steps in which the sensor stays on the same side of each plane are met at once."""
-    (faces, number), (lines, enter), (inverses, numbers) = face, memory, nearest
-    cosines, sines = along(beams, some[0])
-    planes, centre, steps = faces.planes[number], faces.centre[number], beams.azimuths.shape[2]
-    first, end = ends
+    ((start, stop), (first, end), times), (planes, number, centre) = rays, face
+    inverses, numbers = nearest
+    cosines, sines = along(beams, start)
+    steps = beams.azimuths.shape[2]
     while first < end:
         last = _same_sides(planes, times, centre, first, end)
-        facing = _fill_lines(planes, cosines, sines, times, centre, (first, last), lines)
-        size = last - first
-        for beam in range(some[0], some[1] if facing > 0 else some[0]):
+        facing = _fill_lines(planes, cosines, sines, times, centre, (first, last), memory)
+        enter = memory[12, : last - first]
+        for beam in range(start, stop if facing > 0 else start):
             elevation, ce, se = beams.elevations[beam]
             if not window.lowest <= elevation <= window.highest:
                 continue
-            _enter(lines, facing, ce, se, enter[:size])
+            _enter(memory, facing, ce, se, enter)
             inverse = inverses[beam * steps + first : beam * steps + last]
             of_ray = numbers[beam * steps + first : beam * steps + last]
-            for n in range(size):
+            for n in range(len(enter)):
                 nearer = enter[n] > inverse[n]
                 inverse[n] = enter[n] if nearer else inverse[n]
                 of_ray[n] = number if nearer else of_ray[n]
@@ -337,7 +321,7 @@ def _fill_lines(planes, cosines, sines, times, centre, ends, lines):
         else:
             others -= 1
             row = others
-        a, b = lines[row, 0, : len(times)], lines[row, 1, : len(times)]
+        a, b = lines[row, : len(times)], lines[6 + row, : len(times)]
         for n in range(len(times)):
             t = times[n] - centre
             inverse = 1.0 / _distance(plane, t)
@@ -351,7 +335,7 @@ def _enter(lines, facing, ce, se, enter):
     """Write the inverse distances at which rays of a beam enter a part; negative: they miss it."""
     number = len(enter)
     for k in range(6):
-        a, b = lines[k, 0], lines[k, 1]
+        a, b = lines[k], lines[6 + k]
         if k == 0:
             for n in range(number):
                 enter[n] = ce * a[n] + se * b[n]
@@ -365,31 +349,54 @@ def _enter(lines, facing, ce, se, enter):
 
 
 @inner
-def _fill_hits(rays, surfaces, faces, scan, nearest, hits):
-    """Turn what every ray meets into hits: range, owner and reflected light."""
+def _fill_hits(rays, surfaces, faces, moments, nearest, hits):
+    """Turn what every ray meets into hits: range, owner and reflected light.
+
+    Neighbours that meet the same are one run, whose loops are vector code."""
     beams, (ranges, targets, reflected), (inverses, numbers) = rays.beams, hits, nearest
     steps, high = beams.azimuths.shape[2], height_over_ground(rays, True)
+    least = np.empty(steps)
     for beam in range(len(beams.elevations)):
-        _, ce, se = beams.elevations[beam]
         cosines, sines = along(beams, beam)
-        times = scan.moments[beam if len(beams.aimed) else 0]
-        for n in range(steps):
-            ray = beam * steps + n
-            face, inverse = numbers[ray], inverses[ray]
-            if face < 0:
-                ranges[ray] = np.inf if face == NOTHING else 1.0 / inverse
-                reflected[ray] = min(inverse * high, 1.0) if face == GROUND else 0.0
-                targets[ray] = face
+        times = moments[beam if len(beams.aimed) else 0]
+        last, end = beam * steps, (beam + 1) * steps
+        while last < end:
+            first, face = last, numbers[last]
+            while last < end and numbers[last] == face:
+                last += 1
+            inverse, light = inverses[first:last], reflected[first:last]
+            far, target = ranges[first:last], targets[first:last]
+            if face >= 0:
+                part, piece = faces.part[face], slice(first - beam * steps, last - beam * steps)
+                run = cosines[piece], sines[piece], times[piece], faces.centre[face]
+                of_face = faces.planes[face], faces.facing[face]
+                _fill_cosines(of_face, beams.elevations[beam], run, inverse, least, light)
+                target[:], bright = surfaces.owner[part], surfaces.reflectivity[part]
+                for n in range(len(light)):
+                    far[n], light[n] = 1.0 / inverse[n], min(light[n], 1.0) * bright
                 continue
-            # The plane of the least inverse distance, toward / distance, of those that face.
-            cosine, away, t = np.inf, 1.0, times[n] - faces.centre[face]
-            for k in range(6):
-                plane = faces.planes[face, k]
-                x, y, z = plane[0] + t * plane[3], plane[1] + t * plane[4], plane[2] + t * plane[5]
-                toward = ce * (x * cosines[n] + y * sines[n]) + se * z
-                distance = plane[6] + t * plane[7]
-                if distance > 0.0 and toward * away < cosine * distance:
-                    cosine, away = toward, distance
-            part = faces.part[face]
-            ranges[ray], targets[ray] = 1.0 / inverse, surfaces.owner[part]
-            reflected[ray] = min(cosine, 1.0) * surfaces.reflectivity[part]
+            target[:], up = face, high if face == GROUND else 0.0
+            for n in range(len(light)):
+                far[n] = np.inf if face == NOTHING else 1.0 / inverse[n]
+                light[n] = min(inverse[n] * up, 1.0)
+
+
+@inner
+def _fill_cosines(face, beam, run, inverse, least, cosines):
+    """Fill the cosines of incidence of a run of rays on a part.
+
+    They are of the plane that the ray meets where it enters: of those that face the sensor and are
+    not beyond. `least` is memory."""
+    planes, facing = face
+    (_, ce, se), (across, aside, times, centre) = beam, run
+    least[: len(times)] = np.inf
+    for k in range(facing):
+        plane = planes[k]
+        for n in range(len(times)):
+            t = times[n] - centre
+            cosine = _toward(plane, t, (ce * across[n], ce * aside[n], se))
+            distance = plane[6] + t * plane[7]
+            beyond = cosine - inverse[n] * distance
+            nearer = (distance > 0.0) & (beyond < least[n])
+            least[n] = beyond if nearer else least[n]
+            cosines[n] = cosine if nearer else cosines[n]

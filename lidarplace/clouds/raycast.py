@@ -5,7 +5,7 @@ Every ray goes to the nearest surface that it *enters*: a part around the sensor
 
 1. lets every ray meet the flat ground, its end at the rig, or nothing: `start_nearest`;
 2. passes over parts that are out of reach, between two beams, or not before the crop;
-3. lets rays meet the other parts where nothing nearer is met: `_meet_part`;
+3. lets rays meet the other parts where nothing nearer is met: `meet_part`;
 4. turns inverse distances and numbers of parts into hits: `_fill_hits`.
 
 A part is the common inside of six planes. For a sensor at a signed distance D outside of a plane
@@ -262,7 +262,7 @@ def cast_compiled(rays, surfaces, crop, ends, hits, level=True):
         facing[part] = fill_planes(surfaces.geometry[part], origin, rotation, planes[part])
         if facing[part] > 0:
             faces = part, facing[part], planes[part]
-            _meet_part(beams, window, faces, enter, nearest)
+            meet_part(beams, window, faces, enter, nearest)
     _fill_hits(rays, surfaces, (facing, planes), nearest, level, hits)
 
 
@@ -321,7 +321,7 @@ def is_between(beams, window):
 
 
 @inlined
-def _meet_part(beams, window, faces, enter, nearest):
+def meet_part(beams, window, faces, enter, nearest):
     """Let the rays that enter a part meet it where nothing nearer is met.
 
     `faces` are the number of the part, how many planes face the sensor, and the planes; `enter` is

@@ -213,8 +213,8 @@ def _moved(x, y, poses, step):
     """Return a place in the frame of the vehicle at a step in that of the frame's moment."""
     if poses is None:
         return x, y
-    c, s = poses[step, 0], poses[step, 1]
-    return poses[step, 2] + c * x - s * y, poses[step, 3] + s * x + c * y
+    c, s = poses[0, step], poses[1, step]
+    return poses[2, step] + c * x - s * y, poses[3, step] + s * x + c * y
 
 
 @inlined

@@ -32,8 +32,11 @@ class LogMotion:
 def motion_in(log: BoxLog) -> LogMotion:
     """Find the motion in a log.
 
-    Raises ValueError: the pose of the vehicle is missing, frames are more than MOST_GAP_S apart, or
-    no object is in two successive frames."""
+    Raises ValueError: the log has a static world, the pose of the vehicle is missing, frames are
+    more than MOST_GAP_S apart, or no object is in two successive frames."""
+    if log.world:
+        problem, fix = "a static world does not move", "remove rate_hz, or world.npz of the log"
+        raise InputError(problem, key="rate_hz", fix=fix)
     need = "a LiDAR with rate_hz needs motion"
     if missing := [name for name in POSE_COLUMNS if name not in log.frames.columns]:
         wrong = f"missing column; {need}, from the pose of the vehicle"

@@ -55,4 +55,5 @@ class ScanTiming:
         `shares` of the scan at which they are fired, from -0.5 to 0.5; `phase` as drawn, radians.
         """
         sign = 1.0 if self.direction == "left" else -1.0
-        return np.asarray(((sign * (shares - phase / (2 * math.pi)) + 0.5) % 1.0 - 0.5) / self.rate)
+        turns = sign * (shares - phase / (2 * math.pi)) + 0.5
+        return np.asarray((turns - np.floor(turns) - 0.5) / self.rate)

@@ -14,9 +14,10 @@ from lidarplace.clouds.profiles import with_tilt_in_degrees
 from lidarplace.clouds.recorded import check_lidars, check_rig, clouds_digest
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.logs.box_log import read_frames
+from lidarplace.logs.motion import motion_in
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.scenes.parts import ScenePart
-from lidarplace.scenes.recorded import LogScene
+from lidarplace.scenes.recorded import LogScene, log_parts
 from sweeps.configuration.file import reading
 from sweeps.configuration.grid import GridPoint
 from sweeps.configuration.point import Point
@@ -82,6 +83,8 @@ class TrialClouds:
             _check_unchanged(point)
             return self._recorded(scene, rig, split, crop)
         rig = as_collected(self.planning, point, rig)
+        if rig.takes_time and isinstance(scene, LogScene):
+            self.planning.once(_check_motion, scene)
         errors, vehicle = point.mounting_errors.errors(), point.mounting_errors.vehicle
         if split == "test" and vehicle is not None:
             rig, errors = errors.drawn(rig, scene.seed, vehicle), MountingErrors()
@@ -139,6 +142,13 @@ def _check_unchanged(point: Point) -> None:
         raise InputError(problem, key="lidar.rate_hz", fix="remove it")
     if (share := lidar.cloud_share) != 1:
         raise InputError(problem, key="lidar.cloud_share", expected=1, found=f"{share:g}")
+
+
+def _check_motion(scene: LogScene) -> None:
+    """Check that the logs of a scene show motion, as LiDARs with rate_hz need it."""
+    for part in log_parts(scene):
+        with reading("scene.test_folder" if part.name else "scene.folder"):
+            motion_in(part.recording.record())
 
 
 def _check_recorded(scene: LogScene, names: tuple[str, ...]) -> None:

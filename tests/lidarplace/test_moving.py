@@ -1,7 +1,6 @@
 """Rays of a scan that takes time, compared with closed forms and with a finely stepped world."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -11,7 +10,7 @@ from pydantic import ValidationError
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.base.errors import InputError
 from lidarplace.clouds.collect import collect
-from lidarplace.clouds.moving import Motion, cast_moving, poses_at, scan_of
+from lidarplace.clouds.moving import Motion, cast_moving, poses_at
 from lidarplace.clouds.raycast import cast
 from lidarplace.clouds.shapes import BODY, bricks
 from lidarplace.configuration.sensor import SensorSettings
@@ -117,7 +116,6 @@ def test_a_pattern_agrees_with_a_finely_stepped_world():
     parts, motion, body = moving_parts()
     moments = ScanTiming(10.0).moments(lidar.scan_shares(), 0.0)
     hits = cast_moving(mount, lidar, parts, motion, moments)
-    assert len(scan_of(moments).spans) > 1
     for ray in range(0, lidar.rays, 5):
         world = bricks(boxes_at(moments[ray, 0]), np.arange(len(OBJECTS), dtype=np.int32))
         still = cast(mount, lidar, world.and_(body))
@@ -194,7 +192,7 @@ def test_points_are_those_of_hits_at_the_poses_of_their_rays():
     timing = ScanTiming(10.0, 0.5, "right")
     lidar, mount = replace(Lidar.even(16, (-15, 5), 1200), timing=timing), Mount(z=2.0)
     moments = timing.moments(lidar.scan_shares(), 0.5)
-    c, s, x, y = poses_at(moments, EGO)[0].T
+    c, s, x, y = poses_at(moments, EGO)[0]
     rate = EGO[2] * moments[0]
     assert np.allclose([c, s, x, y], [np.cos(rate), np.sin(rate), *(EGO[:2, None] * moments[0])])
     log = log_of_objects()
@@ -238,16 +236,6 @@ def test_a_scan_starts_half_a_frame_before_the_phase():
     # The view of a mirror takes the whole time.
     view = Lidar.even(1, (0, 0), 720, (-60, 60)).scan_shares()
     assert view[0, [0, -1]] == pytest.approx([-0.5, 0.5], abs=0.005)
-
-
-def test_spans_hold_all_steps_once_and_break_where_the_scan_begins():
-    moments = ScanTiming(10.0).moments(Lidar.even(1, (0, 0), 1001).scan_shares(), 1.1)
-    spans = scan_of(moments).spans
-    ends = spans[:, 2:].astype(int)
-    assert ends[0, 0] == 0
-    assert ends[-1, 1] == 1001
-    assert all(a[1] == b[0] for a, b in pairwise(ends))
-    assert (spans[:, 1] - spans[:, 0]).max() < 0.1 / 8 + 1e-4
 
 
 @pytest.mark.parametrize(
