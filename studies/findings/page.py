@@ -25,6 +25,7 @@ import pandas as pd
 import population
 import products_table
 import riddle_table
+import shuttle_table
 from aside import aside_table, errors_table
 from candidates import FOLDER
 from combining import shares
@@ -141,6 +142,7 @@ def _facts() -> dict[str, Any]:
         "lower": contrast.PAIRS[2],
         "two": contrast.PAIRS[3],
         "proof_table": _proof_table,
+        "shuttle": shuttle_table,
         "price_table": _price_table,
         "hires": contrast.PAIRS[8],
         "proof_cars": contrast.individuals("Car"),

@@ -1,4 +1,4 @@
-"""How numbers that need no training of their own predict detectors of the shuttle's random rigs.
+"""How numbers that need no training predict detectors of the shuttle's random rigs.
 
 Run as `python studies/proof/shuttle_table.py [RUN]`. The run folder of `shuttle.yaml` replaces
 `shuttle.parquet`; without it this is read. Prints Spearman's rho with 95 % over rigs; with one
@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import yaml
 from scipy import stats
 
 from tracking.findings.paired import with_sums
@@ -28,6 +29,7 @@ PREDICTORS = {
     "expected_recall": "expected recall",
     "covered_entropy": "covered entropy",
     "expected_ig": "expected IG",
+    "lidars": "number of LiDARs",
 }
 
 
@@ -59,20 +61,37 @@ def distilled(run: Path) -> pd.DataFrame:
 
 def shuttle_table() -> str:
     """Make the table of rho as Markdown."""
-    values = pd.read_parquet(TABLE).pivot(
-        index="placement", columns=["target", "name"], values="value"
-    )
-    lines = [f"| | {' | '.join(TARGETS)} |", "|---" * (1 + len(TARGETS)) + "|"]
+    lines = [f"| ρ (95 % over rigs) | {' | '.join(TARGETS)} |", "|---" * (1 + len(TARGETS)) + "|"]
     for name, words in PREDICTORS.items():
-        cells = (_rho(values[target, name], values[target, "specialist"]) for target in TARGETS)
-        lines.append(f"| {words} | {' | '.join(cells)} |")
+        lines.append(f"| {words} | {' | '.join(interval(name, target) for target in TARGETS)} |")
     return "\n".join(lines)
 
 
-def _rho(x: pd.Series, y: pd.Series) -> str:
-    rho = stats.spearmanr(x, y).statistic
-    low, high = intervals(x.to_numpy(), y.to_numpy()[:, None], "spearman")
-    return f"{rho:.2f} ({low:.2f} to {high:.2f})".replace("-", "−")
+def interval(name: str, target: str) -> str:
+    """Return Spearman's rho of a predictor with detectors, and its interval."""
+    x, y = _both(name, target)
+    low, high = intervals(x.to_numpy(np.float64), y.to_numpy(np.float64)[:, None], "spearman")
+    return f"{rho(name, target)} ({low:.2f} to {high:.2f})"
+
+
+def rho(name: str, target: str) -> str:
+    """Return Spearman's rho of a predictor with detectors."""
+    return f"{stats.spearmanr(*_both(name, target)).statistic:.2f}"
+
+
+def spread(target: str) -> str:
+    """Return what detectors of the worst and the best rig reach, percent."""
+    reached = _both("specialist", target)[1]
+    return f"{reached.min():.0f} to {reached.max():.0f} %"
+
+
+def _both(name: str, target: str) -> tuple[pd.Series, pd.Series]:
+    rows = pd.read_parquet(TABLE).query("target == @target")
+    values = rows.pivot(index="placement", columns="name", values="value")
+    rigs = yaml.safe_load((TABLE.parent / "shuttle.yaml").read_text(encoding="utf-8"))["placements"]
+    lidars = pd.Series({rig: len(content["mounts"]) for rig, content in rigs.items()})
+    values["lidars"] = lidars.reindex(values.index)
+    return values[name], values["specialist"]
 
 
 if __name__ == "__main__":
