@@ -99,7 +99,9 @@ def test_numbers_of_lidars_in_a_stack_are_apart_in_the_first_view():
     seen = places - np.outer(places @ along, along)
     apart = np.linalg.norm(seen[:, None] - seen[None], axis=2) + 9 * np.eye(len(stack))
     assert apart.min() > 0.39
-    np.testing.assert_allclose((places - stack) @ along, 3 * 0.4, atol=1e-9)
+    np.testing.assert_allclose(places @ along, (stack @ along).max() + 3 * 0.4, atol=1e-9)
+    above = (seen - stack + np.outer(stack @ along, along)) @ [-eye[1], eye[0], 0.0]
+    assert [*np.sign(above[:4])] == [1, -1, 1, -1], "beside the stack, not on it"
 
 
 def test_a_known_ground_has_an_entry_with_its_worst_lidar_dead():

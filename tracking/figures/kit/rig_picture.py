@@ -303,7 +303,7 @@ def _add_cells(
 
 
 def label_places(at: NDArray[np.float64], gap: float, width: float = 1.0) -> NDArray[np.float64]:
-    """Place texts above LiDARs at `at`, shape (n, 3), metres.
+    """Place texts above LiDARs at `at`, shape (n, 3), metres, left and right of them in turn.
 
     As the camera sees them at first, no two are nearer to each other than `gap` metres, `width`
     times as far from left to right."""
@@ -314,7 +314,7 @@ def label_places(at: NDArray[np.float64], gap: float, width: float = 1.0) -> NDA
     turn = np.arange(len(at)) * 2.4
     start = (
         scale * (at @ axes.T)
-        + [0.0, gap]
+        + gap * np.stack([(-1.0) ** np.arange(len(at)), np.ones(len(at))], axis=1)
         + 0.01 * gap * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     )
     places = start.copy()
@@ -325,8 +325,10 @@ def label_places(at: NDArray[np.float64], gap: float, width: float = 1.0) -> NDA
         if not lacking.any():
             break
         places += ((0.5 * lacking / distance)[:, :, None] * apart).sum(axis=1)
-    forward = 3 * gap * _EYE / np.linalg.norm(_EYE)  # the vehicle hides nothing
-    placed: NDArray[np.float64] = at + forward + (places / scale - at @ axes.T) @ axes
+    along = _EYE / np.linalg.norm(_EYE)
+    # In front of all, which the vehicle does not hide, and in one plane, as of the perspective.
+    depth = (at @ along).max(initial=0.0) + 3 * gap
+    placed: NDArray[np.float64] = places / scale @ axes + depth * along
     return placed
 
 
