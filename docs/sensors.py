@@ -22,8 +22,9 @@ lidarplace sensors vlp16 at128  # these, with all values and their sources
 
 A configuration accepts a name wherever it accepts a LiDAR: for all mounts, as an axis of a grid,
 among the models of a search, for one mount of a placement, for a CARLA collection. Other keys
-override its values. `range_noise` and `drop_off` of the top-level `lidar` also hold for LiDARs that are named elsewhere,
-unless they or their data sheets have them. Case, hyphens and blanks do not matter: `VLP-16` is `vlp16`.
+override its values. `range_noise` and `drop_off` of the top-level `lidar` also hold for LiDARs that
+are named elsewhere, unless they or their data sheets have them. Case, hyphens and blanks do not
+matter: `VLP-16` is `vlp16`.
 
 ```yaml
 lidar: {name: vlp16, cloud_share: 0.2}     # or, alone, lidar: vlp16
