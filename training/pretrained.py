@@ -63,9 +63,9 @@ class Domain:
             for value in getattr(rig, name) or ():
                 if trained is None or not trained[0] - slack <= value <= trained[1] + slack:
                     limits = (
-                        "none" if trained is None else f"{trained[0]:,.6g} to {trained[1]:,.6g}"
+                        "none" if trained is None else f"{trained[0]:,.7g} to {trained[1]:,.7g}"
                     )
-                    return f"{words.format(f'{value:,.6g}')}; expected {limits}"
+                    return f"{words.format(f'{value:,.7g}')}; expected {limits}"
         return None
 
 

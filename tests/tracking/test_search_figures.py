@@ -76,7 +76,7 @@ def test_the_menu_shows_one_rig_and_its_axes_turn_with_it():
     plot = rig_picture(pictured, NO_BODY, [ROOF])
     forward = trace(plot, "sensor's x")
     ends = np.stack([forward.x, forward.y, forward.z], axis=1)
-    np.testing.assert_allclose(ends[:2], [[1, 0, 2], [1, 0.3, 2]], atol=1e-6)
+    np.testing.assert_allclose(ends[:2], [[1, 0, 2], [1, 1.5, 2]], atol=1e-6)  # as of a pole
     buttons = plot.layout.updatemenus[0].buttons
     assert [button.label for button in buttons] == ["a", "b"]
     assert list(buttons[0].args[0]["visible"]) == [t.visible for t in plot.data]
