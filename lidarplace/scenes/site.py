@@ -72,7 +72,7 @@ class Site(Settings):
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
-    """What no LiDAR of a site may be in, in the frame of the site.
+    """Buildings and lanes around a site, in its frame, where no LiDAR may be.
 
     Attributes:
         buildings: rows of `GEOMETRY`, shape (n, 7).
