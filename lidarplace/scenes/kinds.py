@@ -99,7 +99,7 @@ def obstacles_around(scene: Scene, site: Site) -> Obstacles:
     Raises ValueError as `scene_parts`."""
     if isinstance(scene, SumoScene):
         return obstacles_at(scene, site)
-    buildings = scene.read(site).buildings
+    buildings = scene.read().buildings
     if site.scene is not None:
         buildings = buildings[buildings["scene"] == site.scene]
     pose = (site.x or 0.0, site.y or 0.0, math.radians(site.yaw_deg))
