@@ -95,19 +95,19 @@ class LogScene(Settings):
         """Count training and test frames, those at a site if there is one.
 
         Raises ValueError: a log without poses cannot have a site."""
-        return self._frame_counts if site is None else self._counts(site)
+        if site not in self._counts:
+            tests, counts = self.test_folder or self.folder, []
+            for split, folder in zip(SPLITS, (self.folder, tests), strict=True):
+                frames = read_frames(folder)
+                frames = frames if site is None else frames[near(frames, site)]
+                counts.append(int((frames["split"] == split).sum()))
+            self._counts[site] = counts[0], counts[1]
+        return self._counts[site]
 
     @cached_property
-    def _frame_counts(self) -> tuple[int, int]:
-        return self._counts(None)
-
-    def _counts(self, site: Site | None) -> tuple[int, int]:
-        tests, counts = self.test_folder or self.folder, []
-        for split, folder in zip(SPLITS, (self.folder, tests), strict=True):
-            frames = read_frames(folder)
-            frames = frames if site is None else frames[near(frames, site)]
-            counts.append(int((frames["split"] == split).sum()))
-        return counts[0], counts[1]
+    def _counts(self) -> dict[Site | None, tuple[int, int]]:
+        """Counts of `frame_counts`, once each."""
+        return {}
 
     @property
     def real_clouds(self) -> Path:

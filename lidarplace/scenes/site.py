@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -95,9 +95,8 @@ class Obstacles:
         side = -1.0 if mirrored else 1.0
         (x0, y0, turn), moved = pose, []
         for rows, yaw in ((buildings, 6), (lanes, 2)):
-            dx, dy, rows = rows[:, 0] - x0, rows[:, 1] - y0, rows.copy()
-            c, s = math.cos(turn), math.sin(turn)
-            rows[:, 0], rows[:, 1] = c * dx + s * dy, side * (c * dy - s * dx)
+            rows = rows.copy()
+            rows[:, :2] = _in_frame(turn, rows[:, 0] - x0, rows[:, 1] - y0) * [1.0, side]
             rows[:, yaw] = side * (rows[:, yaw] - turn)
             moved.append(rows)
         return cls(*moved)
@@ -126,13 +125,14 @@ class Obstacles:
 
 def _holds(rectangles: NDArray[np.float64], scale: float, x: float, y: float) -> NDArray[np.bool_]:
     """Return which rectangles, x, y, yaw and `scale` times half of their sides, hold a place."""
-    dx, dy, c, s = x - rectangles[:, 0], y - rectangles[:, 1], *_turn(rectangles[:, 2])
-    length, width = scale * rectangles[:, 3], scale * rectangles[:, 4]
-    return np.asarray((np.abs(c * dx + s * dy) <= length) & (np.abs(c * dy - s * dx) <= width))
+    at = _in_frame(rectangles[:, 2], x - rectangles[:, 0], y - rectangles[:, 1])
+    return np.asarray((np.abs(at) <= scale * rectangles[:, 3:]).all(axis=1))
 
 
-def _turn(yaw: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return np.cos(yaw), np.sin(yaw)
+def _in_frame(yaw: Any, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return places in a frame with a yaw, one or one each, about the same origin, shape (n, 2)."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.stack([c * x + s * y, c * y - s * x], axis=1)
 
 
 def seen_from(log: BoxLog, site: Site) -> BoxLog:
@@ -161,11 +161,10 @@ def seen_from(log: BoxLog, site: Site) -> BoxLog:
         + places[row]
     ).T
     yaw = math.radians(site.yaw_deg)
-    c, s = math.cos(yaw), math.sin(yaw)
     turned = boxes["yaw"].to_numpy(np.float64) + frames["ego_yaw"].to_numpy(np.float64)[row] - yaw
     turned -= 2 * np.pi * np.round(turned / (2 * np.pi))
     size = boxes[list(SIZE)].to_numpy(np.float64)
-    centre = np.stack([c * x + s * y, c * y - s * x, z], axis=1)
+    centre = np.column_stack([_in_frame(yaw, x, y), z])
     still = dict(
         zip(
             (*POSE_COLUMNS, *FULL_POSE_COLUMNS),

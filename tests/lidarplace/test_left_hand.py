@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from lidarplace.logs.box_log import BoxLog
+from lidarplace.scenes.kinds import obstacles_around, scene_parts
+from lidarplace.scenes.site import Site
 from lidarplace.scenes.sumo.mirror import mirror_map
 from lidarplace.scenes.sumo.settings import SumoScene
 
@@ -95,19 +97,46 @@ def test_a_town_is_driven_on_the_left(grid, kind):
     assert (east["ego_y"] % 90).between(0.5, 2.7).all()
 
 
-def test_the_mirror_image_of_a_map_has_the_mirror_image_of_its_traffic(tmp_path, street):
+@pytest.fixture(scope="module")
+def mirrored(tmp_path_factory) -> Path:
+    """The mirror image of `STREET`, where vehicles keep left."""
     root = fromstring(STREET.read_text())
     mirror_map(root)
-    mirrored = left_hand(tmp_path / "street.xodr", tostring(root, "unicode"))
-    other = log_of(mirrored)
-    assert len(street.boxes) > 100
+    path = tmp_path_factory.mktemp("mirrored") / "street.xodr"
+    return left_hand(path, tostring(root, "unicode"))
+
+
+def check_mirror_image(log: BoxLog, other: BoxLog) -> None:
+    assert len(log.boxes) > 100
     for table, ego in (("boxes", ""), ("frames", "ego_"), ("buildings", "")):
-        a, b, y, yaw = getattr(street, table), getattr(other, table), f"{ego}y", f"{ego}yaw"
+        a, b, y, yaw = getattr(log, table), getattr(other, table), f"{ego}y", f"{ego}yaw"
         np.testing.assert_allclose(b[y], -a[y], atol=1e-9)
         np.testing.assert_allclose(np.exp(1j * b[yaw]), np.exp(-1j * a[yaw]), atol=1e-9)
         kept = [name for name in a.columns if name not in (y, yaw)]
         assert a[kept].equals(b[kept])
         assert b[yaw].between(-math.pi, math.pi, inclusive="right").all()
+
+
+def test_the_mirror_image_of_a_map_has_the_mirror_image_of_its_traffic(mirrored, street):
+    check_mirror_image(street, log_of(mirrored))
+
+
+def test_a_site_of_the_mirror_image_is_the_mirror_image_of_a_site(mirrored):
+    logs, walls, lanes = [], [], []
+    for path, side in ((STREET, 1), (mirrored, -1)):
+        scene = SMALL.model_copy(update={"towns": (str(path),), "routes": 1})
+        site = Site(x=-30.0, y=side * 4.0, yaw_deg=side * 35.0)
+        logs.append(scene_parts(scene, site)[0].recording.record())
+        around = obstacles_around(scene, site)
+        walls.append(around.buildings)
+        lanes.append(around.lanes)
+    check_mirror_image(*logs)
+    assert logs[0].frames["ego_yaw"].iloc[0] == pytest.approx(math.radians(35))
+    for (one, other), yaw in ((walls, 6), (lanes, 2)):
+        sides = np.ones(one.shape[1])
+        sides[[1, yaw]] = -1
+        assert len(one) > 3
+        np.testing.assert_allclose(other, one * sides, atol=1e-9)
 
 
 GEOMETRIES = """<OpenDRIVE><road>

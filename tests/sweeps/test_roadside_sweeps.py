@@ -52,6 +52,9 @@ def test_a_log_is_seen_from_a_site(tmp_path):
     sweep, plan = read_plan(write(tmp_path, scene=scene, site=site))
     (point,) = sweep.points
     assert point.point.frame_counts() == (2, 3)
+    (tmp_path / "log" / "frames.parquet").rename(tmp_path / "frames.parquet")
+    assert point.point.frame_counts() == (2, 3)  # the table is read once
+    (tmp_path / "frames.parquet").rename(tmp_path / "log" / "frames.parquet")
     assert any("1 of 6 frames are left out" in caution for caution in plan.cautions)
     assert not len(point.vehicle.extents)
     values = scores(tmp_path / "grid.yaml").set_index("surrogate")["value"]
