@@ -7,10 +7,12 @@ ends. Unlike a GPU it has the CPU's kernels: it rounds and orders as they do and
 result. Row numbers on the CPU, which a GPU would copy for itself, are an error here.
 """
 
+import sys
 import weakref
 from collections import Counter
 from contextlib import ExitStack, contextmanager
 from functools import cache
+from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
@@ -25,16 +27,18 @@ from torch.utils.backend_registration import (
 )
 from triton.runtime import interpreter
 
+import training
 from training.ops.gpu import grouping, sparse_conv, sparse_rules
 
 NAME = "other"
+_ROOT = Path(training.__file__).parent
 _aten = torch.ops.aten
 _MOVES = (_aten._to_copy.default, _aten.copy_.default)
 """Operations that may have tensors of two devices."""
 
 
-WAITS: Counter[str] = Counter()
-"""Operations so far for whose results a GPU's host would wait, by name."""
+WAITS: list[Path] = []
+"""Files of `training` that have waited for a GPU so far, each as often as it would."""
 
 _OF_UNKNOWN_SIZE = frozenset(
     [
@@ -42,6 +46,14 @@ _OF_UNKNOWN_SIZE = frozenset(
         *("_unique2", "unique_dim", "unique_consecutive"),
     ]
 )
+
+
+def _add_wait() -> None:
+    frame = sys._getframe(1)
+    while frame and _ROOT not in Path(frame.f_code.co_filename).parents:
+        frame = frame.f_back
+    if frame:  # else a test waits
+        WAITS.append(Path(frame.f_code.co_filename))
 
 
 def _waits(operation, args, kwargs, moves: bool) -> bool:
@@ -140,12 +152,12 @@ class OtherTensor(Tensor):
             options["device"] = torch.device("cpu")
         moves = leaves or any(isinstance(item, Tensor) and item.is_cpu for item in args)
         if _waits(operation, args, kwargs, moves):
-            WAITS[operation.overloadpacket.__name__] += 1
+            _add_wait()
         out = operation(*_held(operation, args), **options)
         return return_and_correct_aliasing(operation, args, kwargs, out if leaves else _other(out))
 
     def tolist(self):
-        WAITS["tolist"] += 1
+        _add_wait()
         return self.held.tolist()
 
     def __reduce_ex__(self, protocol):
@@ -199,7 +211,7 @@ def _made(operation):
 def _copy_from(source: Tensor, target: Tensor, non_blocking: bool = False) -> Tensor:
     """`copy_` where torch looks past __torch_dispatch__, as torch.tensor does."""
     if not non_blocking:
-        WAITS["copy"] += 1
+        _add_wait()
     held, numbers = (getattr(item, "held", item) for item in (target, source))
     held.copy_(numbers)
     return target

@@ -11,6 +11,7 @@ from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.recall.detection_curve import DetectionCurves
 from lidarplace.recall.surface_cells import SurfaceCells
+from tests.lidarplace.requirements.brute_force import cells_of, entered, in_frame_of
 
 ROI = Roi((0, 40), (-20, 20), (0, 4), resolution=0.5)
 LIDAR = Lidar(tuple(np.radians([-11.0, -7.0, -4.0, -1.5, 0.5])), azimuth_steps=720)
@@ -58,50 +59,25 @@ def model_of(*rows, classes=("Tram", "Bus"), **options):
     return ExpectedRecall.from_log(log_of(*(rows or ROWS)), ROI, classes, CURVES, **options)
 
 
-def entry(box, origin, direction):
-    """Distance at which a ray enters a brick from outside, None if it does not."""
-    x, y, z, length, width, height, yaw = box
-    c, s = math.cos(yaw), math.sin(yaw)
-    dx, dy, dz = origin - np.array([x, y, z])
-    start = (c * dx + s * dy, c * dy - s * dx, dz)
-    along = (c * direction[0] + s * direction[1], c * direction[1] - s * direction[0], direction[2])
-    near, far = -math.inf, math.inf
-    for p, d, size in zip(start, along, (length, width, height), strict=True):
-        if d == 0:
-            if abs(p) > size / 2:
-                return None
-            continue
-        ends = sorted(((-size / 2 - p) / d, (size / 2 - p) / d))
-        near, far = max(near, ends[0]), min(far, ends[1])
-    return near if 0 < near <= far else None
-
-
 def cells_hit(boxes, mounts, lidar, cell, roi):
     """Of every box the set of cells (i, j, k) and the number of points, in one frame."""
     cells, points = [set() for _ in boxes], [0] * len(boxes)
     for mount in mounts:
-        for ray in lidar.directions() @ mount.rotation.T:
-            found = [(entry(box, mount.position, ray), b) for b, box in enumerate(boxes)]
-            found = [(t, b) for t, b in found if t is not None and t <= lidar.range]
-            if not found:
+        rays = lidar.directions() @ mount.rotation.T
+        own = [in_frame_of(box, mount.position, rays) for box in boxes]
+        for number, ray in enumerate(rays):
+            reach, b = min(
+                (entered(eye.tolist(), ways[number].tolist(), [0.0] * 3, box[3:6]), b)
+                for b, (box, (eye, ways)) in enumerate(zip(boxes, own, strict=True))
+            )
+            if math.isinf(reach) or reach > lidar.range:
                 continue
-            t, b = min(found)
-            hit = mount.position + t * ray
-            if not all(
-                low <= value <= high
-                for value, (low, high) in zip(hit, (roi.x, roi.y, roi.z), strict=True)
-            ):
-                continue
-            x, y, z, length, width, height, yaw = boxes[b]
-            c, s = math.cos(yaw), math.sin(yaw)
-            dx, dy, dz = hit - np.array([x, y, z])
-            own = (c * dx + s * dy, c * dy - s * dx, dz)
-            place = []
-            for value, size in zip(own, (length, width, height), strict=True):
-                most = max(1, math.ceil(size / cell - 1e-9))
-                place.append(min(max(math.floor((value + size / 2) / cell), 0), most - 1))
-            cells[b].add(tuple(place))
-            points[b] += 1
+            hit = mount.position + reach * ray
+            spans = zip(hit, (roi.x, roi.y, roi.z), strict=True)
+            if all(low <= value <= high for value, (low, high) in spans):
+                eye, ways = own[b]
+                cells[b] |= cells_of([eye + reach * ways[number]], boxes[b][3:6], cell)
+                points[b] += 1
     return cells, points
 
 

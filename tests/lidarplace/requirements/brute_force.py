@@ -29,32 +29,33 @@ def incidence(local, direction, reach, size):
     )[1]
 
 
-def hits_of(placement: Placement, vehicle: Vehicle, box, reflectivity=0.1):
-    """Return the points on a box where rays of every LiDAR end, in the box's own frame.
+def in_frame_of(box, origin, directions):
+    """Return a point and directions (n, 3) in the own frame of a box, from its lower right rear.
 
-    box: a row of GEOMETRY. Measured from the rear lower right corner.
+    box: a row of GEOMETRY.
     """
-    size = np.array(box[3:6])
     c, s = math.cos(box[6]), math.sin(box[6])
     to_box = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]])
+    return to_box @ (origin - np.array(box[:3])) + np.array(box[3:6]) / 2, directions @ to_box.T
+
+
+def hits_of(placement: Placement, vehicle: Vehicle, box, reflectivity=0.1):
+    """Return the points on a box where rays of every LiDAR end, see `in_frame_of`."""
     hits, bodies = [], vehicle.interior.tolist()  # numbers of Python are quicker here
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
-        origin = mount.position
-        local = to_box @ (origin - np.array(box[:3])) + size / 2
+        eye, rays = mount.position.tolist(), lidar.directions() @ mount.rotation.T
+        local, ways = in_frame_of(box, mount.position, rays)
         of_lidar = []
-        for ray in lidar.directions():
-            direction = mount.rotation @ ray
-            along = to_box @ direction
-            reach = entered(local.tolist(), along.tolist(), [0.0] * 3, size.tolist())
+        for ray, along in zip(rays.tolist(), ways, strict=True):
+            reach = entered(local.tolist(), along.tolist(), [0.0] * 3, box[3:6])
             if math.isinf(reach):
                 continue
-            eye, way = origin.tolist(), direction.tolist()
-            body = min((entered(eye, way, *corners) for corners in bodies), default=math.inf)
+            body = min((entered(eye, ray, *corners) for corners in bodies), default=math.inf)
             away = reach * math.exp(lidar.extinction * reach)  # of equal light in clear air
             far = away if lidar.range_10 is None else reach
             if not (lidar.min_range <= reach < body and far < lidar.range):
                 continue
-            cosine = incidence(local, along, reach, size)
+            cosine = incidence(local, along, reach, box[3:6])
             if reach <= lidar.sight(reflectivity * cosine):
                 of_lidar.append(local + reach * along)
         hits.append(of_lidar)
