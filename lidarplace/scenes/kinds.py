@@ -14,9 +14,11 @@ from lidarplace.base.errors import InputError
 from lidarplace.base.registry import Registry
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene, log_parts
-from lidarplace.scenes.site import Obstacles, Site
+from lidarplace.scenes.routes import KEEP_M
+from lidarplace.scenes.site import Obstacles, Poles, Site
 from lidarplace.scenes.sumo.junction import obstacles_at
 from lidarplace.scenes.sumo.record import town_parts
 from lidarplace.scenes.sumo.settings import SumoScene
@@ -105,3 +107,11 @@ def obstacles_around(scene: Scene, site: Site) -> Obstacles:
     pose = (site.x or 0.0, site.y or 0.0, math.radians(site.yaw_deg))
     walls = buildings[list(GEOMETRY)].to_numpy(np.float64)
     return Obstacles.around(pose, walls, np.empty((0, 5)))
+
+
+def poles_at(scene: Scene, site: Site, keep_outs: Vehicle) -> Poles:
+    """Return what carries the LiDARs of a site, among all that is within `KEEP_M` of it.
+
+    `keep_outs`: a vehicle of nothing else. Raises ValueError as `scene_parts`."""
+    around = obstacles_around(scene, site).within(KEEP_M)
+    return Poles("site", keep_outs.boxes, around=around)

@@ -6,7 +6,7 @@ frame: origin on the ground at x and y of the world, turned by a yaw."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -101,6 +101,14 @@ class Obstacles:
             moved.append(rows)
         return cls(*moved)
 
+    def within(self, distance: float) -> Obstacles:
+        """Return those of which some part may be within a distance of the origin, metres."""
+        reach = [
+            np.hypot(rows[:, 0], rows[:, 1]) - scale * np.hypot(rows[:, 3], rows[:, 4]) <= distance
+            for rows, scale in ((self.buildings, 0.5), (self.lanes, 1.0))
+        ]
+        return Obstacles(self.buildings[reach[0]], self.lanes[reach[1]])
+
     def check(self, rig: Placement) -> None:
         """Raise ValueError for the first LiDAR of a rig where no pole or gantry can hold it."""
         for number, mount in enumerate(rig.mounts, start=1):
@@ -121,6 +129,21 @@ class Obstacles:
         if z < TRAFFIC_M and _holds(self.lanes, 1.0, x, y).any():
             expected = f"a place off the lanes, or z from {TRAFFIC_M:g} m, as on a gantry"
             raise InputError(f"{name} is in the way of vehicles", place=place, expected=expected)
+
+
+@dataclass(frozen=True, eq=False)
+class Poles(Vehicle):
+    """What carries the LiDARs of a site: no body; its boxes are keep-outs.
+
+    Attributes:
+        around: buildings and lanes, which pictures show."""
+
+    around: Obstacles = field(kw_only=True)
+
+    @property
+    def body(self) -> Vehicle:
+        """Nothing."""
+        return Vehicle(self.name, np.empty((0, 2, 3)))
 
 
 def _holds(rectangles: NDArray[np.float64], scale: float, x: float, y: float) -> NDArray[np.bool_]:

@@ -172,6 +172,7 @@ def _sections(
                 row["rig"],
                 rigs[row["rig"]].mounts,
                 outline(check.vehicle),
+                check.vehicle,
             )
             for row in pictured[pictured["requirement"] == name].to_dict("records")
         ]

@@ -19,10 +19,12 @@ from lidarplace.base.roi import Roi
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.settings import excerpt, shortened
+from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
-from lidarplace.scenes.kinds import obstacles_around
+from lidarplace.scenes.kinds import obstacles_around, poles_at
 from lidarplace.scenes.recorded import LogScene
+from lidarplace.scenes.site import Poles
 from sweeps.configuration.file import ConfigError, check, read_named, unknown_key
 from sweeps.configuration.point import Point
 from sweeps.configuration.rigs import Rigs
@@ -61,6 +63,13 @@ class GridPoint:
         """The vehicle that carries the LiDARs; None: a sedan."""
         settings = self.point.vehicle
         return None if settings is None else settings.vehicle()
+
+    @cached_property
+    def poles(self) -> Poles | None:
+        """What carries the LiDARs at a site, among what is around it; None: a vehicle does."""
+        if self.point.site is None:
+            return None
+        return poles_at(self.point.scene, self.point.site, vehicle_of(self.point.vehicle))
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ def write_rigs_page(sweep: Sweep, cautions: list[str]) -> Path:
     rigs = {one.point.placement: one.rig for one in sweep.points}
     models = lidar_models(sweep)
     drawn = list(rigs)[:MOST_DRAWN]
-    vehicle = sweep.points[0].vehicle
+    vehicle = sweep.points[0].poles or sweep.points[0].vehicle
     section = Section(
         "Rigs",
         notes=[words_of_views(vehicle), *cautions],

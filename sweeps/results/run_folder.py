@@ -15,9 +15,8 @@ import pandas as pd
 from lidarplace.clouds.points_in_boxes import points_by_distance
 from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import hide_secrets, public_url
-from lidarplace.mounting.vehicle import Vehicle
 from sweeps.configuration.file import public_yaml
-from sweeps.configuration.grid import Sweep
+from sweeps.configuration.grid import GridPoint, Sweep
 from sweeps.execution.execute import Outcome
 from sweeps.plan.labels import further_axes
 from sweeps.plan.trial import DetectorTrial, Plan, Trial, with_detector
@@ -41,7 +40,7 @@ from tracking.mlflow.uri import absolute_uri
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.arrays import FailureFrames, Grounds
-from tracking.run_folders.json_file import Triangles
+from tracking.run_folders.json_file import Surroundings, Triangles
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
 from tracking.run_folders.table_schema import TableSchema
@@ -113,7 +112,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
     (folder / Grounds.FILE).unlink(missing_ok=True)  # of an earlier run
     frames = Counter[str]()
     pictured: Mapping[str, Cell] = {}
-    body = plan.trials[0].grid_point.vehicle
+    shown = plan.trials[0].grid_point
     if started:
         for scene in (task for task in started[0].scenes if task.key in finished):
             frames.update(store.read(scene, lambda log: log.frames)["split"])
@@ -124,10 +123,10 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
         if tested:
             one_frame(with_detector(drawn_trials), store).write(folder)
         pictured = axis_values(drawn_trials[0], [a for a in axes if a in surrogates.columns])
-        body = drawn_trials[0].grid_point.vehicle
+        shown = drawn_trials[0].grid_point
     counts = Frames(train=frames["train"], test=frames["test"])
     cautions = [*plan.cautions, *rig_cautions(plan), *_detection_cautions(tested, store)]
-    _about(sweep, counts, run, pictured, body, plan, cautions).write(folder)
+    _about(sweep, counts, run, pictured, shown, plan, cautions).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
     return Analysis(RunFolder.read(folder))
 
@@ -256,11 +255,11 @@ def _about(
     frames: Frames,
     run: Run,
     pictured: Mapping[str, Cell],
-    body: Vehicle | None,
+    shown: GridPoint,
     plan: Plan,
     cautions: Sequence[str],
 ) -> SweepResult:
-    first = sweep.points[0].point
+    first, body = sweep.points[0].point, shown.vehicle
     rigs = {one.point.placement: one.rig for one in sweep.points}
     rungs = (rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote)
     return SweepResult(
@@ -286,4 +285,5 @@ def _about(
         pictured=pictured,
         vehicle=None if body is None else body.boxes.tolist(),
         vehicle_mesh=None if body is None else Triangles.of(body.mesh),
+        site=Surroundings.of(shown.poles),
     )

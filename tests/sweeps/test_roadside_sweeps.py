@@ -2,18 +2,23 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 import yaml
 
 from lidarplace.configuration.answer import as_requirements, studio_content
 from lidarplace.logs.box_log import join_logs, write_box_log
+from lidarplace.scenes.kinds import obstacles_around
+from lidarplace.scenes.site import Site
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import read_plan
 from sweeps.search.problem.problem import read_problem
 from tests.lidarplace.driven_past import driven_past
 from tests.refused import refused
 from tests.sweeps.small_log import SMALL, TOWN
+from tests.sweeps.toy import ran
+from tracking.run_folders.sweep_json import SweepResult
 
 POSES = [(x, 2.0, 0.0, 0.0, 0.0, 0.1) for x in (-60.0, 5.0, 15.0, 25.0, 35.0, 45.0)]
 POLE = {"mounts": [{"x": 8, "y": 12, "z": 6}]}
@@ -63,6 +68,17 @@ def test_a_log_is_seen_from_a_site(tmp_path):
         read_sweep(write(tmp_path, scene=scene, site={"x": 30.0, "y": 500.0}))
     with refused("recorded clouds are of the vehicle"):
         read_plan(write(tmp_path, scene=scene | {"clouds": "recorded"}, site=site))
+
+
+def test_run_folders_have_what_is_around_a_site(tmp_path):
+    names = {"resolution": 0.8, "accuracy": False, "sampling_error": False}
+    surrogate = {"names": ["covered_entropy"]} | names
+    sweep = read_sweep(write(tmp_path, surrogate=surrogate))
+    around = SweepResult.read(ran(sweep, tmp_path)[-1]).body.around
+    whole = obstacles_around(sweep.points[0].point.scene, Site())
+    assert 0 < len(around.buildings) < len(whole.buildings)
+    assert 0 < len(around.lanes) < len(whole.lanes)
+    assert np.hypot(*around.buildings[:, :2].T).max() < 80
 
 
 def test_a_site_is_the_sweep_of_a_standing_vehicle_without_a_body(tmp_path):

@@ -17,7 +17,7 @@ from tracking.report.analysis import Analysis
 from tracking.report.decision.rigs import rigs_section as decision_rigs_section
 from tracking.report.sections.clouds import clouds_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
-from tracking.run_folders.json_file import MOST_DRAWN, Triangles, drawn_vehicle
+from tracking.run_folders.json_file import MOST_DRAWN, Surroundings, Triangles, drawn_vehicle
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import SweepResult
 
@@ -50,7 +50,7 @@ def extents(sections: list[Section], kind: str, axes: str) -> set[tuple[float, .
         for section in sections
         for plot in section.figures
         for t in plot.data
-        if t.type == kind and (kind != "scatter" or t.fill == "toself")
+        if t.type == kind and (kind != "scatter" or (t.fill == "toself" and len(t.x)))
     }
 
 
@@ -84,6 +84,26 @@ def test_boxes_and_a_mesh_are_one_surface():
     assert drawn == {frozenset(vertices[i] for i in face) for face in SURFACE["faces"]}
     assert np.nanmax(lines.z) == 2.5  # edges of the boxes alone
     assert vehicle_in_space(drawn_vehicle((), None)) == []
+
+
+def test_lanes_and_buildings_around_poles_are_drawn(made_up_run):
+    """On maps, next to rigs and in 3D, also with keep-outs; nothing is called a vehicle."""
+    site = {"buildings": [[20, 5, 4, 10, 6, 8, 0]], "lanes": [[0, 0, 0, 30, 2]]}
+    for keep_outs in ([], [[[1, 1, 0], [2, 2, 3]]]):
+        sections = sections_of(made_up_run, site=site, vehicle=keep_outs)
+        drawn = extents(sections, "scatter", "xy")
+        assert (15.0, 25.0, 2.0, 8.0) in drawn
+        maps = [plot for plot in sections[1].figures if plot.data[0].type == "heatmap"]
+        assert maps
+        assert all(len(plot.data[1].x) == 4 * 3 for plot in maps)
+        assert (15.0, 25.0, 2.0, 8.0, 0.0, 8.0) in extents(sections, "mesh3d", "xyz")
+        words = " ".join(note for section in sections for note in section.notes)
+        titles = {plot.layout.title.text for section in sections for plot in section.figures}
+        assert "vehicle" not in words + str(titles)
+        assert "lanes and buildings" in words
+    poles = drawn_vehicle((), None, Surroundings.model_validate(site))
+    assert Surroundings.of(poles).model_dump(mode="json") == site
+    assert (Surroundings.of(None), Surroundings.of(Vehicle.car())) == (None, None)
 
 
 def test_a_fine_mesh_is_written_coarse():

@@ -10,8 +10,10 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from lidarplace.base.number_text import number
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.tables import Ground, verdict
 from lidarplace.rigs.placement import Mount
+from tracking.figures.kit.site_lines import site_from_above
 from tracking.figures.kit.style import TOLD, figure, lidar_markers, text
 from tracking.figures.kit.vehicle_lines import VEHICLE_OUTLINE, axes_from_above, map_height
 from tracking.labels import digits
@@ -85,12 +87,14 @@ def draw_verdicts(
     order: Iterable[str],
     mounts: Mapping[str, Sequence[Mount]],
     grounds: Grounds | None,
+    vehicle: Vehicle | None,
 ) -> None:
     """Add pictures of all that the first rig passes and fails, then of what others fail.
 
     `worst` are rows of `lidarplace.requirements.tables.worst_cases`, `rig` is the column that
     distinguishes rigs, `order` has the rigs to draw first in front, `mounts` are by rig. There are
-    pictures as far as `grounds` are kept; notes say what they show."""
+    pictures as far as `grounds` are kept; notes say what they show. What is around
+    a site, the `vehicle`, is drawn."""
     if grounds is None:
         return
     drawn = [
@@ -102,7 +106,7 @@ def draw_verdicts(
         and ground.least.size
     ]
     section.figures += [
-        requirement_map(row, ground, name, mounts[name], grounds.body)
+        requirement_map(row, ground, name, mounts[name], grounds.body, vehicle)
         for name, row, ground in drawn[:MOST_DRAWN]
     ]
     section.notes += [COLOURS] if drawn else []
@@ -116,12 +120,14 @@ def requirement_map(
     rig: str,
     mounts: Sequence[Mount],
     body: NDArray[np.float64],
+    vehicle: Vehicle | None = None,
 ) -> go.Figure:
     """Draw the value of every place relative to its need, in the worst of all cases.
 
     The colours end at nothing and at twice the need. A cross marks the worst position of the case
     `worst`, a row of `lidarplace.requirements.tables.worst_cases`. `body` is
-    `lidarplace.mounting.outline.outline` of the vehicle."""
+    `lidarplace.mounting.outline.outline` of the vehicle; around a site lanes and buildings are
+    drawn."""
     needed, measure = float(worst["at_least"]), worst["measure"]
     x, y, least = ground.x, ground.y, ground.least.astype(np.float64)
     title = f"{text(rig)} · {text(worst['requirement'])}: {verdict(worst)}"
@@ -140,6 +146,7 @@ def requirement_map(
         hovertemplate=f"x %{{x:.2f}}, y %{{y:.2f}} m<br>{of_need}<extra></extra>",
         hoverongaps=False,
     )
+    plot.add_traces(site_from_above(vehicle))
     plot.add_scatter(x=body[:, 0], y=body[:, 1], **VEHICLE_OUTLINE)
     plot.add_scatter(
         x=[mount.x for mount in mounts],

@@ -84,7 +84,7 @@ def write_report(analysis: Analysis, frames: FailureFrames | None) -> Path:
     failures = _write_failures(analysis, frames, by_name, extent)
     decision = write_decision(analysis, extent, warnings, failures)
     sweep = run.sweep.model_dump(
-        mode="json", by_alias=True, exclude_unset=True, exclude={"placements"}
+        mode="json", by_alias=True, exclude_unset=True, exclude={"placements", "site"}
     )
     page = pages.write_page(
         run.path / "report.html",

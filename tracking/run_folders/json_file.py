@@ -10,11 +10,12 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError, model_validator
 
 from lidarplace.base.errors import InputError
-from lidarplace.configuration.settings import fault
+from lidarplace.configuration.settings import Length, fault
 from lidarplace.files.atomic import replacing
 from lidarplace.files.regular import regular
 from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.scenes.site import Obstacles, Poles
 
 
 class Part(BaseModel):
@@ -96,6 +97,35 @@ Boxes = Annotated[tuple[tuple[Point, Point], ...], AfterValidator(_possible)]
 """Lowest and highest corner of each box, metres, ego frame."""
 
 
-def drawn_vehicle(boxes: Boxes, mesh: Triangles | None) -> Vehicle:
-    """Make the vehicle that pictures show."""
+Building = tuple[Length, Length, Length, Length, Length, Length, Length]
+Lane = tuple[Length, Length, Length, Length, Length]
+
+
+class Surroundings(Part):
+    """Buildings and lanes around a site that pictures show, in its frame; metres, radians."""
+
+    buildings: tuple[Building, ...]  # x, y, z, length, width, height, yaw
+    lanes: tuple[Lane, ...]  # x, y, yaw, half of the length, half of the width
+
+    @classmethod
+    def of(cls, vehicle: Vehicle | None) -> Surroundings | None:
+        """Write what is around poles to the millimetre; None for a vehicle."""
+        if not isinstance(vehicle, Poles):
+            return None
+        buildings, lanes = vehicle.around.buildings, vehicle.around.lanes
+        return cls(buildings=buildings.round(3).tolist(), lanes=lanes.round(3).tolist())
+
+    @property
+    def obstacles(self) -> Obstacles:
+        """The same as arrays."""
+        rows = ((self.buildings, 7), (self.lanes, 5))
+        return Obstacles(*(np.array(each, np.float64).reshape(-1, n) for each, n in rows))
+
+
+def drawn_vehicle(
+    boxes: Boxes, mesh: Triangles | None, site: Surroundings | None = None
+) -> Vehicle:
+    """Make the vehicle that pictures show, or the poles of a site."""
+    if site is not None:
+        return Poles("site", np.array(boxes), around=site.obstacles)
     return Vehicle("vehicle", np.array(boxes), None if mesh is None else mesh.mesh)

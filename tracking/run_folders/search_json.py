@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -12,7 +13,14 @@ from lidarplace.base.roi import Roi
 from lidarplace.mounting.limits import excess
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
-from tracking.run_folders.json_file import Boxes, Part, ResultFile, Triangles, drawn_vehicle
+from tracking.run_folders.json_file import (
+    Boxes,
+    Part,
+    ResultFile,
+    Surroundings,
+    Triangles,
+    drawn_vehicle,
+)
 from tracking.run_folders.search_tables import trials_of
 from tracking.run_folders.sweep_json import Pose
 from tracking.run_folders.table_schema import TableSchema
@@ -200,6 +208,8 @@ class SearchResult(ResultFile):
     """Boxes, lowest and highest corner."""
     vehicle_mesh: Triangles | None = None
     """Its mesh, if it has one, in so few triangles that it can be drawn."""
+    site: Surroundings | None = None
+    """Buildings and lanes around a site, whose `vehicle` are keep-outs; null: a vehicle."""
     models: dict[str, Model]
     """LiDAR models of the search, by name."""
     bound: Bound | None
@@ -228,10 +238,10 @@ class SearchResult(ResultFile):
     versions: dict[str, str]
     """Versions of Python and of the libraries."""
 
-    @property
+    @cached_property
     def body(self) -> Vehicle:
-        """Vehicle that pictures show."""
-        return drawn_vehicle(self.vehicle, self.vehicle_mesh)
+        """Vehicle, or poles, that pictures show."""
+        return drawn_vehicle(self.vehicle, self.vehicle_mesh, self.site)
 
     @property
     def first(self) -> Objective:

@@ -1,5 +1,6 @@
 """Result file of a sweep, `sweep.json`: what was compared, on how much, and how to repeat it."""
 
+from functools import cached_property
 from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat, model_validator
@@ -9,7 +10,14 @@ from lidarplace.configuration.renamed_keys import current_key, with_current_keys
 from lidarplace.configuration.settings import Count, CountFromOne
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
-from tracking.run_folders.json_file import Boxes, Part, ResultFile, Triangles, drawn_vehicle
+from tracking.run_folders.json_file import (
+    Boxes,
+    Part,
+    ResultFile,
+    Surroundings,
+    Triangles,
+    drawn_vehicle,
+)
 
 _Numbers = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
 
@@ -106,6 +114,8 @@ class SweepResult(ResultFile):
     """Boxes of the vehicle, lowest and highest corner; null: a sedan."""
     vehicle_mesh: Triangles | None = None
     """Its mesh, if it has one, in so few triangles that it can be drawn."""
+    site: Surroundings | None = None
+    """Buildings and lanes around a site, whose `vehicle` are keep-outs; null: a vehicle."""
 
     @model_validator(mode="before")
     @classmethod
@@ -120,10 +130,12 @@ class SweepResult(ResultFile):
             content["pictured"] = with_current_keys(settings)
         return content
 
-    @property
+    @cached_property
     def body(self) -> Vehicle | None:
-        """Vehicle that pictures show; None for a sedan, and of older files."""
-        return None if self.vehicle is None else drawn_vehicle(self.vehicle, self.vehicle_mesh)
+        """Vehicle, or poles, that pictures show; None for a sedan, and of older files."""
+        if self.vehicle is None:
+            return None
+        return drawn_vehicle(self.vehicle, self.vehicle_mesh, self.site)
 
     @property
     def rigs(self) -> dict[str, tuple[Mount, ...]]:

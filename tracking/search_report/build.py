@@ -10,7 +10,7 @@ from lidarplace.requirements.tables import worst_cases
 from tracking.figures import of_searches
 from tracking.figures.kit.grounds import ground_note, with_grounds_of_folder
 from tracking.figures.kit.rig_picture import PicturedRig, axes_and_posts, rig_picture
-from tracking.figures.kit.vehicle_lines import name_of
+from tracking.figures.kit.vehicle_lines import has_body, name_of
 from tracking.labels import DASH, digits, number
 from tracking.pages.html_page import write_page
 from tracking.pages.requirements import ALONE, counted, draw_verdicts, verdict_table
@@ -51,7 +51,7 @@ def build_search_report(folder: Path) -> Path:
         warnings=cautions(run),
         sections=[section for part in parts if (section := part(run)) is not None],
         config=run.config,
-        facts=json.dumps(search.model_dump(exclude={"rigs", "commands"}), indent=2),
+        facts=json.dumps(search.model_dump(exclude={"rigs", "commands", "site"}), indent=2),
     )
 
 
@@ -72,9 +72,11 @@ def _mounts(run: SearchFolder) -> Section | None:
             f"The first {MOST_RIGS} of the {len(search.best):,} rigs of the front that search.json "
             "holds."
         )
+    body = run.search.body
+    frame = "Ego frame" if has_body(body) else "Frame of the site"
     section.notes.append(
-        f"Ego frame: x forward, y left, z up, origin on the ground in the middle of "
-        f"{name_of(run.search.body)}. Pitch > 0 tips the nose down, roll > 0 lifts the left side."
+        f"{frame}: x forward, y left, z up, origin on the ground in the middle of "
+        f"{name_of(body)}. Pitch > 0 tips the nose down, roll > 0 lifts the left side."
     )
     return section
 
@@ -192,15 +194,15 @@ def _pareto(run: SearchFolder) -> Section | None:
 
 
 def _requirements(run: SearchFolder) -> Section | None:
-    cases, rigs = run.requirements, run.search.rigs
+    cases, search = run.requirements, run.search
     if cases is None or cases.empty:
         return None
     worst = worst_cases(cases, ["rig"])
     table = verdict_table(worst, ["rig"]).first(MOST_ROWS)
     section = Section("Requirements", [counted(worst), ALONE], tables=[table], folded=True)
-    mounts = {name: rig.placed for name, rig in rigs.items()}
+    mounts = {name: rig.placed for name, rig in search.rigs.items()}
     order = dict.fromkeys([*_best(run), *worst["rig"]])
-    draw_verdicts(section, worst, "rig", order, mounts, run.grounds)
+    draw_verdicts(section, worst, "rig", order, mounts, run.grounds, search.body)
     return section
 
 

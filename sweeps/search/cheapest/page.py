@@ -190,5 +190,5 @@ def _requirements(answer: CheapestAnswer) -> Section | None:
     every = Grounds.of(outline(carrier.vehicle), names, grounds)
     mounts = {answer.name: [lidar.mount for lidar in answer.listed]}
     worst = answer.worst.assign(rig=answer.name)
-    draw_verdicts(section, worst, "rig", [answer.name], mounts, every)
+    draw_verdicts(section, worst, "rig", [answer.name], mounts, every, carrier.vehicle)
     return section

@@ -38,7 +38,7 @@ from tracking.mlflow.uri import absolute_uri
 from tracking.run_folders import search_json as kinds
 from tracking.run_folders import search_tables as contract
 from tracking.run_folders.arrays import Grounds, UnseenMaps
-from tracking.run_folders.json_file import Triangles
+from tracking.run_folders.json_file import Surroundings, Triangles
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
 _OPTIONAL = [table.file for table in contract.TABLES if not table.needed]
@@ -170,6 +170,7 @@ def _about(
         zones=zones_of(problem.space),
         vehicle=vehicle.boxes.tolist(),
         vehicle_mesh=Triangles.of(vehicle.mesh),
+        site=Surroundings.of(vehicle),
         models={
             name: kinds.Model(
                 price=criteria.carrier.totals["price"][name],

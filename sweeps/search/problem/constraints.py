@@ -16,6 +16,7 @@ from lidarplace.mounting.vehicle import Vehicle, zone_in_body
 from lidarplace.requirements.check_requirements import RequirementResult, check_requirements
 from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.rigs.further_sensors import MountedSensor
+from lidarplace.scenes.kinds import poles_at
 from sweeps.configuration.objective import TOTALS
 from sweeps.configuration.search import SearchFile, SearchSettings
 from sweeps.search.problem.rig import Rig, is_possible, placement_of
@@ -84,9 +85,10 @@ def _may_be_in_body(search: SearchSettings) -> bool:
     return any(zone_in_body(zone, vehicle)[0] for zone in zones)
 
 
-def with_keep_outs(search: SearchSettings) -> Vehicle:
-    """Return the vehicle of a search, with all that hides what is behind it."""
-    return vehicle_of(carrier_of(search.vehicle, search.keep_out))
+def vehicle_in(file: SearchFile) -> Vehicle:
+    """Return the vehicle of a search, or its poles, with all that hides what is behind it."""
+    vehicle = vehicle_of(carrier_of(file.search.vehicle, file.search.keep_out))
+    return vehicle if file.site is None else poles_at(file.scene, file.site, vehicle)
 
 
 def requirement_name(name: str) -> str:
@@ -142,7 +144,7 @@ class Carrier:
             },
             {name: zone.price for name, zone in settings.zones.items()},
             limits,
-            with_keep_outs(settings),
+            vehicle_in(file),
             file.voxel_roi(),
             requirements,
             settings.further(),

@@ -40,7 +40,7 @@ from sweeps.plan.named_files import outside_of
 from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import Trial
 from sweeps.search.problem.assess import Criteria
-from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep_outs
+from sweeps.search.problem.constraints import Carrier, constraints_of, vehicle_in
 from sweeps.search.problem.rig import MountedLidar, Rig, ordered, placement_of
 from sweeps.search.problem.search_config import SearchConfig
 from sweeps.search.problem.slots import Assignment
@@ -299,9 +299,7 @@ def _laid(
             check_dead_sensors(requirement, [*["lidar"] * most_lidars, *further])
     with reading("surrogate.curves"):
         curves = default_curves() if curves_file is None else read_curves(curves_file)
-    return lay_out_requirements(
-        requirements, with_keep_outs(file.search), curves, "search.requirements"
-    )
+    return lay_out_requirements(requirements, vehicle_in(file), curves, "search.requirements")
 
 
 def _check_keys(file: SearchFile, source: Mapping[str, Any]) -> None:
@@ -358,7 +356,7 @@ def _check_body(
         if around is not None:
             around.check(rig)
         if not file.allow_blind_lidars:
-            check_not_blind(rig, file.voxel_roi(), with_keep_outs(file.search))
+            check_not_blind(rig, file.voxel_roi(), vehicle_in(file))
 
 
 def _check_what_comes_later(problem: SearchProblem) -> None:

@@ -14,6 +14,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.recall_ground import REACH_M, RecallGround
 from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import equal_axes, xyz
+from tracking.figures.kit.site_lines import words_of_site
 from tracking.figures.kit.style import OUTLINE, QUIET, TOLD, add_menu, figure, lidar_markers, text
 from tracking.figures.kit.vehicle_lines import (
     add_lines,
@@ -32,6 +33,8 @@ _LEAST_SITE_M = 20.0
 """Length of a site in pictures at least, metres."""
 _DISTANCES = 1.6, 4.0
 """Distance of the camera from the vehicle without and with a ground, lengths of the vehicle."""
+_DISTANCE_OF_SITES = 2.0
+"""The same from a site, in lengths of the region of its poles."""
 _EYE = np.array([0.72, 0.58, 0.6])
 """Direction from the vehicle to the camera."""
 _LONGEST = 1.9
@@ -47,7 +50,7 @@ _LABELS = 0.055
 def axes_and_posts(vehicle: Vehicle | None) -> str:
     """Explain the lines of a picture."""
     length, rack = _AXIS_LENGTHS[has_body(vehicle)], "the rack that LiDARs above the body need"
-    posts_are = f"posts are {rack if has_body(vehicle) else 'the poles'}"
+    posts_are = f"posts are {rack}" if has_body(vehicle) else words_of_site(vehicle)
     axes = f"Lines at a LiDAR are the sensor's axes, {length:g} m long"
     return f"Drag to turn, scroll to zoom. {axes}; grey {posts_are}."
 
@@ -103,7 +106,9 @@ def rig_picture(
         _add_zones(plot, zones)
     owner = [""] * len(plot.data)
     first, length = next(iter(states)), float(np.ptp(extent_of(vehicle)[:, 0]))
-    distance = _DISTANCES[with_ground and carried] * (length if carried else _spread(rigs.values()))
+    distance = _DISTANCES[with_ground] * length
+    if not carried:
+        distance = _DISTANCE_OF_SITES * _spread(rigs.values())
     colours = _colours([rig.ground for rig in rigs.values()])
     colours_as_detected = _colours([rig.detected for rig in rigs.values()])
     for name, rig in states.items():
@@ -212,7 +217,8 @@ def _add_rings(plot: go.Figure, vehicle: Vehicle | None, far: bool) -> None:
     unit = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1)
     gap = np.full((1, 3), np.nan)
     rings = [part for radius in radii for part in (radius * unit + [x, y, 0.0], gap)]
-    add_lines(plot, np.concatenate(rings), OUTLINE, 1, showlegend=False)
+    dash = None if has_body(vehicle) else "dot"  # lanes are lines, too
+    add_lines(plot, np.concatenate(rings), OUTLINE, 1, showlegend=False, line_dash=dash)
     plot.add_scatter3d(
         x=np.full(len(radii), x),
         y=y + radii,
@@ -261,7 +267,8 @@ def _add_rig(plot: go.Figure, rig: PicturedRig, vehicle: Vehicle | None, gap: fl
         **TOLD | {"showlegend": same != "LiDAR"},
     )
     mixed = len(set(models)) > 1
-    places = label_places(at, gap, max(map(len, models)) / 2 + 1 if mixed else 1.0)
+    width = max(map(len, models)) / 2 + 1 if mixed else 1.0
+    places = label_places(at, gap, width, in_front=has_body(vehicle))
     add_lines(plot, _pairs(at, places), OUTLINE, 1, showlegend=False)
     ink = {} if rig.ground is None and rig.detected is None else {"color": _INK}
     numbers = [f"{i} {model}" if mixed else str(i) for i, model in enumerate(models, start=1)]
@@ -302,11 +309,13 @@ def _add_cells(
     )
 
 
-def label_places(at: NDArray[np.float64], gap: float, width: float = 1.0) -> NDArray[np.float64]:
+def label_places(
+    at: NDArray[np.float64], gap: float, width: float = 1.0, in_front: bool = True
+) -> NDArray[np.float64]:
     """Place texts above LiDARs at `at`, shape (n, 3), metres, left and right of them in turn.
 
     As the camera sees them at first, no two are nearer to each other than `gap` metres, `width`
-    times as far from left to right."""
+    times as far from left to right. They are `in_front` of all, or each in front of its LiDAR."""
     right = np.array([-_EYE[1], _EYE[0], 0.0]) / np.hypot(*_EYE[:2])
     axes = np.stack([right, np.cross(_EYE / np.linalg.norm(_EYE), right)])
     scale = np.array([1 / width, 1.0])
@@ -326,9 +335,10 @@ def label_places(at: NDArray[np.float64], gap: float, width: float = 1.0) -> NDA
             break
         places += ((0.5 * lacking / distance)[:, :, None] * apart).sum(axis=1)
     along = _EYE / np.linalg.norm(_EYE)
-    # In front of all, which the vehicle does not hide, and in one plane, as of the perspective.
-    depth = (at @ along).max(initial=0.0) + 3 * gap
-    placed: NDArray[np.float64] = places / scale @ axes + depth * along
+    # In front of all, which the vehicle does not hide, and in one plane, as of the perspective,
+    # which would move texts away from LiDARs that are far apart.
+    depth = ((at @ along).max(initial=0.0) if in_front else at @ along) + 3 * gap
+    placed: NDArray[np.float64] = places / scale @ axes + np.outer(depth, along)
     return placed
 
 

@@ -15,9 +15,11 @@ from lidarplace.clouds.own_body import sedan
 from lidarplace.mounting.outline import outline
 from lidarplace.mounting.vehicle import Vehicle, top_near
 from lidarplace.rigs.placement import Mount
+from lidarplace.scenes.site import Poles
 from lidarplace.viewing.axes import xyz
 from lidarplace.viewing.solids import edges
 from lidarplace.viewing.vehicle import vehicle_boxes, vehicle_surface
+from tracking.figures.kit.site_lines import ON_DARK, site_from_above, site_in_space
 from tracking.figures.kit.style import OUTLINE, QUIET, SEQUENTIAL, figure
 
 VEHICLE_OUTLINE: dict[str, Any] = {
@@ -54,6 +56,18 @@ def name_of(vehicle: Vehicle | None) -> str:
     return "the vehicle" if has_body(vehicle) else "the site"
 
 
+def carried_by(vehicle: Vehicle | None) -> str:
+    """Name the carrier of LiDARs, as it follows them."""
+    return f"on {name_of(vehicle)}" if has_body(vehicle) else "on poles"
+
+
+def words_of_maps(vehicle: Vehicle | None) -> str:
+    """Explain what is drawn on a map in addition to its colours."""
+    if has_body(vehicle):
+        return f"LiDARs and {name_of(vehicle)} in orange."
+    return f"LiDARs are orange{', lanes and buildings are lines' * isinstance(vehicle, Poles)}."
+
+
 def words_of_views(vehicle: Vehicle | None) -> str:
     """Explain what leads from LiDARs, and which way they look, from above and from the side."""
     nose = f"the nose of {name_of(vehicle)}" if has_body(vehicle) else "the x axis of the site"
@@ -66,15 +80,15 @@ def words_of_views(vehicle: Vehicle | None) -> str:
 
 def has_body(vehicle: Vehicle | None) -> bool:
     """Test if anything carries the LiDARs; without a body they are on poles."""
-    return vehicle is None or bool(len(vehicle.extents))
+    return vehicle is None or bool(len(vehicle.body.extents))
 
 
 def vehicle_in_space(vehicle: Vehicle | None) -> list[go.Mesh3d | go.Scatter3d]:
-    """Make the traces of a vehicle, none for one without a body."""
-    body = vehicle or sedan()
+    """Make the traces of a vehicle, none for one without a body, or of what is around a site."""
+    body, around = vehicle or sedan(), site_in_space(vehicle)
     vertices, faces = vehicle_surface(body)
     if not len(faces):
-        return []
+        return around
     corners = dict(zip("ijk", faces.T.copy(), strict=True))
     surface = go.Mesh3d(
         **xyz(vertices),
@@ -83,13 +97,13 @@ def vehicle_in_space(vehicle: Vehicle | None) -> list[go.Mesh3d | go.Scatter3d]:
         flatshading=True,
         lighting={"ambient": 0.55, "diffuse": 0.7, "specular": 0.1, "roughness": 0.9},
         lightposition={"x": 4000, "y": 6000, "z": 9000},
-        name="vehicle",
+        name="keep-outs" if isinstance(body, Poles) else "vehicle",
         showlegend=True,
         hoverinfo="skip",
     )
     line = {"color": OUTLINE, "width": 2}
     lines = go.Scatter3d(**xyz(edges(vehicle_boxes(body))), mode="lines", line=line, **QUIET)
-    return [surface, lines]
+    return [*around, surface, lines]
 
 
 def add_lines(
@@ -136,8 +150,12 @@ def pog_from_above(
 
 
 def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> go.Figure:
-    """Outline the vehicle, a sedan for None; it and the whole ROI are in view."""
-    plot.add_trace(vehicle_outline(vehicle, "y"))
+    """Outline the vehicle, a sedan for None, or draw what is around a site.
+
+    The vehicle and the whole ROI are in view."""
+    is_dark = plot.data[0].type == "heatmap" and plot.data[0].zmin == 0.0  # no difference
+    around = site_from_above(vehicle, ON_DARK if is_dark else OUTLINE)
+    plot.add_traces([*around, vehicle_outline(vehicle, "y")])
     low, high = extent_of(vehicle)
     ends = zip((roi.x, roi.y), low - 0.5, high + 0.5, strict=False)
     return axes_from_above(plot, *([min(a, first), max(b, last)] for (a, b), first, last in ends))

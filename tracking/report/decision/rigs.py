@@ -11,6 +11,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.grounds import detected_grounds, ground_note, with_grounds_of_folder
 from tracking.figures.kit.rig_picture import PicturedRig, axes_and_posts, rig_picture
+from tracking.figures.kit.site_lines import site_from_above, words_of_site
 from tracking.figures.kit.style import OUTLINE, QUIET, figure, lidar_colour, symbol, text
 from tracking.figures.kit.vehicle_lines import (
     extent_of,
@@ -28,7 +29,8 @@ from tracking.run_folders.sweep_json import LidarModel
 _VIEW = 120  # pixels of both views
 _LINE = 17  # pixels of a mount's line
 _TITLE = 48
-_AROUND = 0.4  # metres
+_AROUND = np.full(3, 0.4)  # metres
+_AROUND_POLES = np.array([6.0, 6.0, 0.4])  # with the lanes next to them
 _AXIS_LENGTH = 0.7  # metres
 _BODY = "rgba(136, 136, 136, 0.15)"
 Viewed = tuple[str, PicturedRig]
@@ -58,7 +60,7 @@ def rigs_section(recommended: Recommendation) -> Section:
     """Draw the best rigs side by side, from above and from the side, with mounts and models."""
     run, names = recommended.run, recommended.drawn
     body = run.sweep.body
-    grey = "posts carry LiDARs above the body" if has_body(body) else "lines are the poles"
+    grey = "posts carry LiDARs above the body" if has_body(body) else words_of_site(body)
     note = f"{words_of_views(body)} Grey {grey}."
     section = Section("Where the LiDARs sit", [note])
     if left := len(recommended.best.sure) - len(names):
@@ -115,7 +117,8 @@ def _reach(mounts: Sequence[Mount], vehicle: Vehicle | None) -> Mapping[str, tup
 
     Without a vehicle it holds the ground, too."""
     at = np.array([mount.position for mount in mounts] + extent_of(vehicle).tolist())
-    low, high = at.min(axis=0) - _AROUND, at.max(axis=0) + _AROUND
+    around = _AROUND if has_body(vehicle) else _AROUND_POLES
+    low, high = at.min(axis=0) - around, at.max(axis=0) + around
     return {axis: (float(low[i]), float(high[i])) for i, axis in enumerate("xyz")}
 
 
@@ -136,6 +139,8 @@ def _views(
     carried = posts(rig.mounts, vehicle).T
     for column, across in enumerate("yz", start=1):
         place = {"row": 1, "col": column}
+        for trace in site_from_above(vehicle) if across == "y" else ():
+            plot.add_trace(trace, **place)
         plot.add_trace(vehicle_outline(vehicle, across).update(fillcolor=_BODY), **place)
         plot.add_scatter(
             x=carried[0],

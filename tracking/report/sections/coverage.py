@@ -8,7 +8,12 @@ from numpy.typing import NDArray
 
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
 from tracking.figures.kit.style import text
-from tracking.figures.kit.vehicle_lines import add_vehicle, name_of, pog_from_above
+from tracking.figures.kit.vehicle_lines import (
+    add_vehicle,
+    carried_by,
+    pog_from_above,
+    words_of_maps,
+)
 from tracking.findings.groups import pictured
 from tracking.pages.section import Section
 from tracking.report.analysis import Analysis
@@ -27,7 +32,7 @@ def rigs_section(analysis: Analysis) -> Section:
         unknown = "Where the LiDARs are is not known: evaluate --geometry names it."
         return Section("Rigs and traffic", [unknown], columns=2)
     note = (
-        f"Left: the LiDARs of one placement on {name_of(run.sweep.body)}; the menu chooses the "
+        f"Left: the LiDARs of one placement {carried_by(run.sweep.body)}; the menu chooses the "
         "placement. POG: entropy of each column of voxels, where objects may or may not be."
     )
     rigs = {name: PicturedRig.of(run.placements[name]) for name in placements}
@@ -48,7 +53,7 @@ def coverage_section(analysis: Analysis) -> Section:
     note = (
         "From above. Left: share of each column of voxels that some beam meets. Right: entropy of "
         "all classes where no beam comes, which is what a placement leaves unseen; one scale for "
-        f"all placements. LiDARs and {name_of(run.sweep.body)} in orange. Coverage knows no "
+        f"all placements. {words_of_maps(run.sweep.body)} Coverage knows no "
         "occlusion: a covered voxel may still be hidden behind an object."
     )
     section = Section(title, [note, *_setting(run)], columns=2)

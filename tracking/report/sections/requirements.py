@@ -53,6 +53,7 @@ def rigs_requirements_section(
 def _draw(section: Section, run: RunFolder, order: Sequence[str]) -> None:
     """Draw what placements fail, in their order, at the setting that is pictured."""
     worst = worst_requirements(run, run.sweep.pictured)
-    draw_verdicts(section, worst, "placement", order, run.placements, run.grounds)
+    body = run.sweep.body
+    draw_verdicts(section, worst, "placement", order, run.placements, run.grounds, body)
     if section.figures and pictured(run):
         section.notes.append(f"Pictures are {pictured(run)}.")
