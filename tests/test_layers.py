@@ -40,7 +40,12 @@ FLOORS = {
         "detections rig_files validation",
         "commands studio",
     ),
-    "lidarplace.scenes": ("datasets parts routes sanity_checks site", "*", "kinds layouts"),
+    "lidarplace.scenes": (
+        "datasets parts routes sanity_checks site",
+        "*",
+        "kinds layouts",
+        "kerbs",
+    ),
     "training": (
         "nvidia ops",
         "average_precision casting dataset device prediction_batches randomness settings "

@@ -58,7 +58,9 @@ def studio_content(raw: Mapping[str, Any], rigs: Mapping[str, Any]) -> dict[str,
     content: dict[str, Any] = {"placements": dict(rigs)}
     keys = ("keep_out", "constraints", "requirements")
     content |= {key: deepcopy(search[key]) for key in keys if search.get(key)}
-    if search.get("vehicle") is not None:  # [] is none, not a car
+    if raw.get("site") is not None:
+        content |= {"site": deepcopy(raw["site"]), "scene": deepcopy(raw.get("scene") or {})}
+    elif search.get("vehicle") is not None:  # [] is none, not a car
         content["vehicle"] = deepcopy(search["vehicle"])
     if raw.get("allow_blind_lidars"):
         content["allow_blind_lidars"] = True

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from lidarplace.base.errors import InputError
-from lidarplace.configuration.mounting import PlaceSettings, number_as_interval, ordered
+from lidarplace.configuration.mounting import PlaceSettings, Span, number_as_interval, ordered
 from lidarplace.configuration.settings import Count, Degrees, Name, Price, Settings
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone
@@ -38,6 +38,11 @@ class AngleSettings(Settings):
 class ZoneSettings(PlaceSettings, AngleSettings):
     """A zone where a LiDAR may be mounted: a box, or a polygon with heights; metres, ego frame."""
 
+    kerb: Span | None = Field(
+        None,
+        description="a number or [min, max], metres beside lanes: strips along all kerbs within x "
+        "and y, by default the ROI, on no lane and in no building; for sites of simulated traffic",
+    )
     lidars: CountRange | None = Field(
         None, description="number of LiDARs in it, or [min, max]; null: as many as search.lidars"
     )
@@ -57,6 +62,13 @@ class ZoneSettings(PlaceSettings, AngleSettings):
         0.0, description="heading that yaw_deg is relative to: 45 faces the front left"
     )
     price: Price = Field(0.0, description="price of a mount in this zone, in addition to its LiDAR")
+
+    @field_validator("kerb", mode="before")
+    @classmethod
+    def _of_a_site(cls, kerb: Any) -> None:
+        """Reject kerbs that no strips have replaced (`lidarplace.scenes.kerbs`)."""
+        if kerb is not None:
+            raise InputError("only a site has kerbs", fix="set site, or remove it")
 
     @model_validator(mode="after")
     def _possible(self) -> ZoneSettings:

@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.number_text import point
@@ -70,6 +70,25 @@ class Site(Settings):
         return self
 
 
+class SiteOrVehicle(Settings):
+    """A file with the keys `vehicle` and `site`, of which a site has no vehicle, not a car."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_body(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("site") is not None and data.get("vehicle") is None:
+            return data | {"vehicle": []}
+        return data
+
+    @field_validator("site", check_fields=False)
+    @classmethod
+    def _no_vehicle(cls, site: Site | None, info: ValidationInfo) -> Site | None:
+        vehicle = info.data.get("vehicle")
+        if site is not None and vehicle is not None and len(vehicle.vehicle().body.extents):
+            raise InputError("a site has no vehicle", fix="remove vehicle or site")
+        return site
+
+
 @dataclass(frozen=True, eq=False)
 class Obstacles:
     """Buildings and lanes around a site, in its frame, where no LiDAR may be.
@@ -122,7 +141,7 @@ class Obstacles:
     def check_place(self, position: NDArray[np.float64], name: str, place: str = "") -> None:
         """Raise ValueError unless a pole or a gantry can hold what has this name there."""
         x, y, z = position.tolist()
-        POLE.check("z", z, place=place)
+        POLE.check("z", z, place=place or name)
         name, walls = f"{name} at {point(x, y, z)}", self.buildings
         if (_holds(walls[:, [0, 1, 6, 3, 4]], 0.5, x, y) & (z <= walls[:, 5])).any():
             raise InputError(f"{name} is inside of a building", place=place, fix="move it")

@@ -102,6 +102,8 @@ def best_addition(rig: Rig, model: str | None, file: RigsFile, meter: Meter) -> 
 
     As `improved`; without zones above the body. Raises ValueError also: the file allows no pose, or
     no more LiDAR."""
+    if file.site is not None and not file.zones:
+        raise ValueError("a pole could be anywhere; set zones in the file")
     held, wider = KeptLimits(rig, file), added(rig, model)
     before = {one.limit for one in totals_above(rig, file)}
     for one in totals_above(wider, file):
@@ -188,6 +190,8 @@ class _Search:
 
     def _allowed(self, pose: Mount) -> bool:
         """Return whether a pose keeps the limits of a single LiDAR and its distance from others."""
+        if self.file.blocked(self.number, pose.position):
+            return False
         limits, models = self.file.limits, self.rig.models(self.file.lidar)
         mounts = [*self.rig.mounts]
         mounts[self.number] = pose

@@ -16,6 +16,8 @@ EDGE_M = 0.25
 """Edge of a cell of the ground, metres."""
 REACH_M = 6.0
 """Distance from the vehicle's sides, metres."""
+SITE_REACH_M = 20.0
+"""Distance from the origin of a site, metres."""
 LOWEST_M = 0.25
 """Height below which nobody is looked for, metres: the ground itself returns light."""
 _PERSONS_M = {"a child": 1.0, "an adult": 1.5}
@@ -74,8 +76,9 @@ def _counted(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return middles of the cells, and the sensors over each."""
     extents = vehicle.body.extents
-    low = extents[:, 0, :2].min(axis=0, initial=0.0) - REACH_M
-    high = extents[:, 1, :2].max(axis=0, initial=0.0) + REACH_M
+    reach = REACH_M if len(extents) else SITE_REACH_M
+    low = extents[:, 0, :2].min(axis=0, initial=0.0) - reach
+    high = extents[:, 1, :2].max(axis=0, initial=0.0) + reach
     (x0, y0), (x1, y1) = np.floor(low / EDGE_M) * EDGE_M, np.ceil(high / EDGE_M) * EDGE_M
     roi = Roi((x0, x1), (y0, y1), (LOWEST_M, height), EDGE_M)
     sensors, outside_body = np.zeros(roi.shape[:2], np.int64), np.ones(roi.shape[:2], bool)

@@ -7,13 +7,14 @@ from typing import Annotated
 
 import typer
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import FRAMES, PORT, RESOLUTION
 from lidarplace.base.roi import Roi
 from lidarplace.command_line.options import RoiOption, crop_of
 from lidarplace.command_line.verbs import checked_input, new_app, verb, within
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.rigs.scan_timing import STILL_WORLD
-from lidarplace.studio.log_frames import scene_of, simulated_traffic
+from lidarplace.studio.log_frames import scene_of, simulated_traffic, traffic_at
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import PAPER_ROI, Studio
 
@@ -55,10 +56,16 @@ def studio(
         x0, y0, z0, x1, y1, z1 = crop_of(roi)
         region = Roi((x0, x1), (y0, y1), (z0, z1), resolution)
         file = read_rigs(rigs)
-        traffic = simulated_traffic() if log is None else read_box_log(log, frames)
+        if file.site is not None:
+            if log is not None:
+                fix = f"set scene: {{source: log, folder: {log}}} in {rigs}"
+                raise InputError("the file has a site", place="--log", fix=fix)
+            traffic = traffic_at(file.scene, file.site, frames)
+        else:
+            traffic = simulated_traffic() if log is None else read_box_log(log, frames)
         state = Studio(file, traffic, region, folder=log)
         with serving(port, "lidarplace studio") as (server, address):
-            page = Page(state, server, scene_of(log))
+            page = Page(state, server, scene_of(log, file.scene if file.site else None))
             try:
                 if state.left_out:
                     print(left_out_message(state), file=sys.stderr)

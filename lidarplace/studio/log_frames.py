@@ -8,7 +8,9 @@ from typing import Any
 from cachetools import LRUCache
 
 from lidarplace.base.errors import InputError
-from lidarplace.logs.box_log import BoxLog, read_boxes, read_frames
+from lidarplace.logs.box_log import BoxLog, join_logs, read_boxes, read_frames
+from lidarplace.scenes.kinds import Scene, scene_parts
+from lidarplace.scenes.site import Site
 from lidarplace.scenes.sumo.record import record
 from lidarplace.scenes.sumo.settings import SumoScene
 
@@ -63,9 +65,20 @@ def simulated_traffic() -> BoxLog:
     return record(simulated_scene())
 
 
-def scene_of(log: Path | None) -> dict[str, Any]:
-    """Return the traffic as a sweep's configuration has it: a log's folder, or else simulated."""
+def traffic_at(scene: Scene, site: Site, most_frames: int) -> BoxLog:
+    """Record a scene as a site sees it: parts of it, the first ones, until they have the frames.
+
+    Raises ValueError as `scene_parts` does, and ModuleNotFoundError: SUMO is not installed."""
+    logs: list[BoxLog] = []
+    for part in scene_parts(scene, site):
+        if sum(len(log.frames) for log in logs) < most_frames:
+            logs.append(part.recording.record())
+    return join_logs(logs)
+
+
+def scene_of(log: Path | None, scene: Scene | None = None) -> dict[str, Any]:
+    """Return the traffic as a sweep's configuration has it: a folder, a scene, or simulated."""
     if log is not None:
         return {"source": "log", "folder": str(log.absolute())}
-    scene = simulated_scene()
+    scene = scene or simulated_scene()
     return {"source": scene.source, **scene.model_dump(mode="json", exclude_unset=True)}

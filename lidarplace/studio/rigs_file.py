@@ -1,4 +1,4 @@
-"""The file of a studio: rigs, the vehicle that carries them, and what it allows."""
+"""The file of a studio: rigs, the vehicle or the site that carries them, and what it allows."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
+import numpy as np
 import yaml
-from pydantic import Field, ValidationError, model_validator
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from lidarplace.base.errors import at
+from lidarplace.base.errors import InputError, at
 from lidarplace.configuration.answer import as_rigs, is_answer
 from lidarplace.configuration.mounting import (
     KeepOuts,
@@ -22,7 +24,7 @@ from lidarplace.configuration.mounting import (
 )
 from lidarplace.configuration.placement import MOST_MOUNTS, MountSettings, PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.configuration.settings import Name, Price, Settings, fault, short_for
+from lidarplace.configuration.settings import Name, Price, fault, short_for, validated
 from lidarplace.configuration.vehicle import OwnVehicle, VehicleSettings, vehicle_of
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.configuration.zones import CountRange, ZoneSettings
@@ -34,6 +36,10 @@ from lidarplace.mounting.zone import Zone
 from lidarplace.recall.detection_curve import default_curves
 from lidarplace.requirements.layout import RequirementLayout, lay_out
 from lidarplace.requirements.settings import Requirements
+from lidarplace.scenes.kerbs import with_strips
+from lidarplace.scenes.kinds import Scene, obstacles_around
+from lidarplace.scenes.site import Obstacles, Site, SiteOrVehicle
+from lidarplace.studio.log_frames import simulated_scene
 from lidarplace.studio.rig import Rig
 
 
@@ -45,13 +51,21 @@ class RigSettings(PlacementSettings):
     )
 
 
-class RigsSettings(Settings):
+class RigsSettings(SiteOrVehicle):
     """The file as a whole. What a search has under `search` has the same keys there."""
 
     lidar: Annotated[SensorSettings, short_for("name")] = Field(
         SensorSettings(), description="the LiDARs, unless a mount has its own"
     )
     vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
+    site: Site | None = Field(
+        None, description="LiDARs on poles beside the road instead of a vehicle, as in a sweep"
+    )
+    scene: dict[str, Any] | None = Field(
+        None,
+        description="traffic at the site, as in a sweep; half a minute of simulated traffic by "
+        "default",
+    )
     placements: dict[Name, RigSettings] = Field(
         default={"mine": RigSettings()}, min_length=1, description="rigs by name"
     )
@@ -71,6 +85,19 @@ class RigsSettings(Settings):
     allow_blind_lidars: bool = Field(
         False, description="whether LiDARs may see neither ground nor objects in the ROI"
     )
+
+    @field_validator("scene")
+    @classmethod
+    def _at_a_site(cls, scene: dict[str, Any] | None, info: ValidationInfo) -> Any:
+        if scene is not None and info.data.get("site") is None:
+            raise InputError("is of a site", fix="set site, or name a log with --log")
+        return scene
+
+    @field_validator("zones", mode="before")
+    @classmethod
+    def _along_kerbs(cls, zones: Any, info: ValidationInfo) -> Any:
+        site = info.data.get("site")
+        return zones if site is None else with_strips(zones, _scene_of(info.data), site)
 
     @model_validator(mode="after")
     def _is_mountable(self) -> RigsSettings:
@@ -127,6 +154,32 @@ class RigsFile:
         keep_out = keep_out_boxes(self.settings.keep_out)
         return self.settings.constraints.limits(self.vehicle, keep_out, self.zones)
 
+    @property
+    def site(self) -> Site | None:
+        """The site, if the LiDARs are on poles."""
+        return self.settings.site
+
+    @cached_property
+    def scene(self) -> Scene:
+        """Traffic at the site. Raises ValueError: something is wrong with it."""
+        with at(self.path):
+            return _scene_of(vars(self.settings))
+
+    @cached_property
+    def around(self) -> Obstacles | None:
+        """Buildings and lanes around the site; None on a vehicle. Raises ValueError as `scene`."""
+        with at(self.path):
+            return None if self.site is None else obstacles_around(self.scene, self.site)
+
+    def blocked(self, number: int, position: NDArray[np.float64]) -> str:
+        """Return why no pole can hold LiDAR `number` at a position; "" if one can, or on a car."""
+        try:
+            if self.around is not None:
+                self.around.check_place(position, f"LiDAR {number + 1}")
+        except InputError as error:
+            return str(error)
+        return ""
+
     @cached_property
     def vehicle(self) -> Vehicle:
         """Body of the vehicle alone."""
@@ -177,6 +230,14 @@ def read_rigs(path: Path) -> RigsFile:
         return RigsFile(path, content, RigsSettings.model_validate(content, context=context))
     except ValidationError as error:
         raise fault(error, str(path)) from None
+
+
+def _scene_of(settings: Mapping[str, Any]) -> Scene:
+    """Return the traffic at a site; half a minute of a generated town unless it is named.
+
+    Raises InputError: something is wrong with it."""
+    scene, kind = settings.get("scene"), cast("Any", Scene)
+    return simulated_scene() if scene is None else validated(kind, scene, "scene")
 
 
 def as_yaml(content: Mapping[str, Any]) -> str:

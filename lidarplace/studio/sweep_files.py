@@ -45,7 +45,7 @@ def sweep_of(
         raise ValueError("no rig has a LiDAR; a sweep needs one")
     same = ("requirements", "allow_blind_lidars")
     return {
-        **_vehicle(file),
+        **_carrier(file),
         **{key: file.content[key] for key in same if key in file.content},
         "scene": dict(scene),
         "roi": {axis: list(getattr(roi, axis)) for axis in "xyz"},
@@ -57,11 +57,12 @@ def sweep_of(
     }
 
 
-def _vehicle(file: RigsFile) -> Content:
-    """Return the key `vehicle` of a sweep, with the keep-outs; none for a sedan."""
+def _carrier(file: RigsFile) -> Content:
+    """Return the keys `site` and `vehicle` of a sweep, with the keep-outs; none for a sedan."""
+    site = {} if file.site is None else {"site": file.content["site"]}
     vehicle = file.carrier_settings
     dumped = vehicle and vehicle.model_dump(mode="json", exclude_defaults=True)
-    return {} if dumped is None else {"vehicle": dumped}
+    return site if dumped is None else site | {"vehicle": dumped}
 
 
 def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None) -> Content:

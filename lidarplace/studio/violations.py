@@ -32,8 +32,8 @@ from lidarplace.studio.turns import ROUNDING_DEG, allowed_turns, beyond
 class ReportedViolation(Violation):
     """A limit, a total or a requirement that a rig violates, and its description.
 
-    `limit` is also "price", "power", "count", "turn", "blind" or "requirement"; `lidars` is empty
-    if the whole rig violates it; `value` and `excess` are in money, watts, degrees or the
+    `limit` is also "price", "power", "count", "turn", "blind", "pole" or "requirement"; `lidars` is
+    empty if the whole rig violates it; `value` and `excess` are in money, watts, degrees or the
     requirement's measure, too, and NaN where unknown."""
 
     text: str
@@ -67,7 +67,7 @@ def model_names(rig: Rig, file: RigsFile) -> list[str | None]:
 
 def violations(rig: Rig, file: RigsFile) -> tuple[ReportedViolation, ...]:
     """Return the limits of mounting, then the totals, that a rig exceeds."""
-    misplaced = _misplaced(rig, file, file.limits)
+    misplaced = (*_misplaced(rig, file, file.limits), *_blocked(rig, file))
     return (*misplaced, *_turned_too_far(rig, file), *totals_above(rig, file))
 
 
@@ -145,6 +145,13 @@ def _misplaced(rig: Rig, file: RigsFile, limits: Limits) -> Iterator[ReportedVio
         yield ReportedViolation(**fields)
 
 
+def _blocked(rig: Rig, file: RigsFile) -> Iterator[ReportedViolation]:
+    """Yield the LiDARs of a site that no pole can hold."""
+    for number, mount in enumerate(rig.mounts):
+        if text := file.blocked(number, mount.position):
+            yield ReportedViolation("pole", (number,), math.nan, math.nan, text)
+
+
 def _text(violation: Violation, rig: Rig, file: RigsFile) -> str:
     """Describe which sensors exceed a limit of mounting, and by how much."""
     value, bound = violation.value, file.limits.bounds[violation.limit]
@@ -193,7 +200,8 @@ def blind(rig: Rig, file: RigsFile, roi: Roi) -> list[ReportedViolation]:
 def check_sweepable(rig: Rig, file: RigsFile, roi: Roi) -> None:
     """Raise ValueError if a sweep would refuse the rig: a LiDAR inside of the body, or blind."""
     solid = Limits(body=file.limits.body, keep_out=file.limits.keep_out)
-    for violation in (*_misplaced(rig, file, solid), *blind(rig, file, roi)):
+    misplaced = (*_misplaced(rig, file, solid), *_blocked(rig, file))
+    for violation in (*misplaced, *blind(rig, file, roi)):
         raise InputError(violation.text, place=f"rig {rig.name!r}")
 
 

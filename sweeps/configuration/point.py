@@ -37,7 +37,7 @@ from lidarplace.pog.surrogates.table import ASKED_FOR
 from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.routes import KEEP_M
-from lidarplace.scenes.site import Site
+from lidarplace.scenes.site import Site, SiteOrVehicle
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.evaluator import Evaluator, EvaluatorCommand
 from training import DETECTORS
@@ -216,7 +216,7 @@ class GeneralistSettings(Settings):
         return rigs
 
 
-class Point(Settings):
+class Point(SiteOrVehicle):
     """One point of the grid: it is trained and evaluated once."""
 
     placement: Name = Field(description="one of the paper's eight or of `placements`")
@@ -268,21 +268,6 @@ class Point(Settings):
     mounting_errors: MountingErrorSettings = Field(
         MountingErrorSettings(), description="mounting errors in simulated clouds"
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_body(cls, data: Any) -> Any:
-        if isinstance(data, dict) and data.get("site") is not None and data.get("vehicle") is None:
-            return data | {"vehicle": []}
-        return data
-
-    @field_validator("site")
-    @classmethod
-    def _no_vehicle(cls, site: Site | None, info: ValidationInfo) -> Site | None:
-        vehicle = info.data.get("vehicle")
-        if site is not None and vehicle is not None and len(vehicle.vehicle().body.extents):
-            raise InputError("a site has no vehicle", fix="remove vehicle or site")
-        return site
 
     @field_validator("classes")
     @classmethod

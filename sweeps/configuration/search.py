@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.metrics import METRICS
@@ -33,6 +33,7 @@ from lidarplace.configuration.zones import CountRange, Turn, ZoneSettings
 from lidarplace.requirements.settings import Requirements
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.placement import Mount
+from lidarplace.scenes.kerbs import with_strips
 from sweeps.configuration.mountable_lidars import FixedSettings, ModelSettings
 from sweeps.configuration.objective import (
     DEFAULT_METRIC,
@@ -392,18 +393,19 @@ class SearchFile(Common, Point):
         None, description="detectors for the winners and the paper's eight; null: none"
     )
 
-    @model_validator(mode="before")
+    @field_validator("search", mode="before")
     @classmethod
-    def _on_poles(cls, data: Any) -> Any:
-        """Let the search of a site have no vehicle, not a car."""
-        if not isinstance(data, dict) or data.get("site") is None:
-            return data
-        search = data.get("search")
-        if not isinstance(search, dict):
-            return data
+    def _on_poles(cls, search: Any, info: ValidationInfo) -> Any:
+        """Let the search of a site have no vehicle, not a car, and strips along kerbs."""
+        site = info.data.get("site")
+        if site is None or not isinstance(search, dict):
+            return search
         if search.get("vehicle") not in (None, []):
-            raise InputError("a site has no vehicle", key="search.vehicle", fix="remove it or site")
-        return data | {"search": search | {"vehicle": []}}
+            raise InputError("a site has no vehicle", key="vehicle", fix="remove it or site")
+        zones, roi = search.get("zones"), info.data.get("roi")
+        if roi is not None and (scene := info.data.get("scene")) is not None:
+            zones = with_strips(zones, scene, site, {"x": roi.x, "y": roi.y})
+        return search | {"vehicle": [], "zones": zones}
 
     @property
     def needs_voxels(self) -> bool:

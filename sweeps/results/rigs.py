@@ -88,7 +88,7 @@ def write_rigs_page(sweep: Sweep, cautions: list[str]) -> Path:
 
 
 def rigs_yaml(sweep: Sweep) -> str:
-    """Write the placements of a sweep, their LiDARs, the vehicle and its requirements as YAML.
+    """Write the placements of a sweep, their LiDARs, vehicle or site, and requirements as YAML.
 
     Own placements are in the words of the configuration, those of a recorded rig by coordinates.
     Where an axis varies LiDARs or vehicle, they are those of the first point."""
@@ -102,9 +102,11 @@ def rigs_yaml(sweep: Sweep) -> str:
     sensor = sweep.points[0].point.lidar.model_dump(
         mode="json", include={*SensorSettings.model_fields}, exclude_unset=True
     )
-    vehicle = sweep.points[0].point.model_dump(mode="json", include={"vehicle"}, exclude_unset=True)
+    point = sweep.points[0].point
+    keys = {"vehicle"} if point.site is None else {"site", "scene"}
+    carrier = point.model_dump(mode="json", include=keys, exclude_unset=True)
     content = {
-        **vehicle,
+        **carrier,
         **{key: sweep.source[key] for key in ("requirements",) if key in sweep.source},
         "lidar": as_written(SensorSettings.model_validate(sensor)),
         "placements": {name: by_name[name] for name in names},

@@ -13,7 +13,9 @@ from lidarplace.clouds.visibility import visibility
 from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
 from lidarplace.logs.boxes import GEOMETRY, VIEWPOINT_Z
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.zone import Zone, distance, grid
 from lidarplace.recall.counted_objects import CountedObjects
+from lidarplace.scenes.kerbs import with_strips
 from lidarplace.scenes.kinds import obstacles_around, scene_parts
 from lidarplace.scenes.site import Site, near, seen_from
 from lidarplace.scenes.sumo.settings import SumoScene
@@ -158,6 +160,40 @@ def test_buildings_around_a_turned_site():
     expected = np.stack([c * dx + s * dy, c * dy - s * dx], axis=1)
     places = obstacles_around(SCENE, site).buildings[:, :2]
     assert all(np.abs(places - place).sum(axis=1).min() < 1e-9 for place in expected)
+
+
+@pytest.mark.parametrize("kerb", [(0.5, 2.5), (1.0, 1.0)])
+def test_strips_follow_the_kerbs(kerb):
+    """They are near lanes, on none and in no house, and leave no free part of a kerb out."""
+    around = obstacles_around(SCENE, Site())
+    along = {"kerb": kerb, "x": (-25, 25), "y": (-25, 25)}
+    expanded = with_strips({"k": along}, SCENE, Site())
+    zones = [Zone(name, zone["polygon"], (3.0, 5.0)) for name, zone in expanded.items()]
+    assert 5 < len(zones) < 20
+    for zone in zones:
+        around.check_zone(zone)
+        assert np.abs(zone.polygon).max() <= 25.0
+        for x, y, _ in grid(zone, 0.6):
+            assert away_from(around.lanes, x, y) <= kerb[1] + 1e-6
+    middle = np.mean(kerb)
+    for x in np.arange(-24, 24, 0.6):
+        for y in np.arange(-24, 24, 0.6):
+            near = min(distance(zone, x, y, 4.0) for zone in zones)
+            on_kerb = abs(away_from(around.lanes, x, y) - middle) < 0.1
+            if on_kerb and away_from(walls_of(around), x, y) > 2.0:
+                assert near < 2.0
+
+
+def away_from(rectangles, x, y) -> float:
+    """Distance of a place from the nearest rectangle, metres; 0 inside."""
+    dx, dy, turn = x - rectangles[:, 0], y - rectangles[:, 1], rectangles[:, 2]
+    along = np.abs(np.cos(turn) * dx + np.sin(turn) * dy) - rectangles[:, 3]
+    left = np.abs(np.cos(turn) * dy - np.sin(turn) * dx) - rectangles[:, 4]
+    return float(np.hypot(np.maximum(along, 0), np.maximum(left, 0)).min())
+
+
+def walls_of(around):
+    return around.buildings[:, [0, 1, 6, 3, 4]] * [1, 1, 1, 0.5, 0.5]
 
 
 @pytest.mark.parametrize(

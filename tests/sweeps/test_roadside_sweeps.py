@@ -7,13 +7,17 @@ import pandas as pd
 import pytest
 import yaml
 
+from lidarplace import Mount
 from lidarplace.configuration.answer import as_requirements, studio_content
 from lidarplace.logs.box_log import join_logs, write_box_log
 from lidarplace.scenes.kinds import obstacles_around
 from lidarplace.scenes.site import Site
+from lidarplace.studio.rigs_file import read_rigs
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import read_plan
+from sweeps.results.rigs import rigs_yaml
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.rig import MountedLidar
 from tests.lidarplace.driven_past import driven_past
 from tests.refused import refused
 from tests.sweeps.small_log import SMALL, TOWN
@@ -115,8 +119,11 @@ def test_a_site_that_cannot_be_is_one_line(tmp_path, keys, expected):
 
 
 def test_a_vehicle_without_a_body_may_be_named(tmp_path):
-    (point,) = read_sweep(write(tmp_path, vehicle=[])).points
-    assert not len(point.vehicle.extents)
+    sweep = read_sweep(write(tmp_path, vehicle=[]))
+    assert not len(sweep.points[0].vehicle.extents)
+    (tmp_path / "rigs.yaml").write_text(rigs_yaml(sweep))
+    file = read_rigs(tmp_path / "rigs.yaml")
+    assert (file.site, file.scene) == (sweep.points[0].point.site, sweep.points[0].point.scene)
 
 
 def search(path, **settings):
@@ -132,12 +139,39 @@ def test_a_search_of_poles_has_no_vehicle(tmp_path):
     assert not len(problem.point({}, {}).vehicle.vehicle().extents)
     answer = dict(problem.source) | POLE
     assert as_requirements(answer, tmp_path / "rig.yaml")["vehicle"] == []
-    assert studio_content(answer, {"rig": POLE})["vehicle"] == []
+    content = studio_content(answer, {"rig": POLE})
+    assert (content["site"], content["scene"]) == ({}, TOWN)
+
+
+def test_a_search_follows_the_kerbs(tmp_path):
+    along = {"kerb": [0.5, 2.5], "z": [5, 8], "price": 3}
+    problem = read_problem(search(tmp_path, zones={"kerbs": along, "corner": KERB}))
+    names = [zone.name for zone in problem.space.zones]
+    assert {"corner", "kerbs_1", "kerbs_2"} <= {*names}
+    assert problem.file.search.zones["kerbs_1"].price == 3
+    first = problem.space.zones[names.index("kerbs_1")]
+    assert (first.z, len(first.polygon)) == ((5, 8), 4)
+    lidar = MountedLidar("", "kerbs_1", Mount(*np.mean(first.polygon, axis=0), 6.0))
+    for text in (problem.placement_text((lidar,)), problem.rigs_text({"rig": (lidar,)})):
+        (tmp_path / "answer.yaml").write_text(text)
+        file = read_rigs(tmp_path / "answer.yaml")
+        assert file.site is not None
+        assert {zone.name: zone for zone in file.zones}["kerbs_1"] == first
+        assert not file.blocked(0, file.rigs[0].mounts[0].position)
+    within = {"x": [5, 20], "y": [5, 20]}
+    problem = read_problem(search(tmp_path, zones={"kerbs": along | within}))
+    places = np.concatenate([zone.polygon for zone in problem.space.zones])
+    assert places.min() >= 5
+    assert places.max() <= 20
 
 
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
+        ({"zones": {"k": {"kerb": [2, 1], "z": 5}}}, "zones.k: kerb: expected .*min <= max"),
+        ({"zones": {"k": {"kerb": [0, 1], "z": 5}}}, "zones.k: kerb.*expected more than 0"),
+        ({"zones": {"k": {"kerb": 1, "z": 5, "lidars": 1}}}, "zones.k.lidars.*several"),
+        ({"zones": {"k": {"kerb": 1, "z": 5, "x": [0, 1], "y": 0}}}, "zones.k.kerb: no kerb"),
         ({"vehicle": BODY}, ("search.yaml", "search.vehicle", "")),
         ({"zones": {"kerb": KERB | {"z": [5, 16]}}}, "zones.kerb.*15"),
         ({"zones": {"lane": {"x": [-2, 2], "y": [-2, 2], "z": [3, 8]}}}, "zones.lane.*vehicles"),
@@ -148,3 +182,12 @@ def test_a_search_of_poles_has_no_vehicle(tmp_path):
 def test_zones_of_poles(tmp_path, settings, expected):
     with refused(expected):
         read_problem(search(tmp_path, **settings))
+
+
+def test_only_sites_of_simulated_traffic_have_kerbs(tmp_path):
+    path = search(tmp_path, zones={"k": {"kerb": 1, "z": 5}})
+    with refused("zones.k.kerb: only a site has kerbs"):
+        read_problem(path, ["site=null"])
+    scene = write_log(tmp_path / "log")
+    with refused("zones.k.kerb: no kerb.*lanes of a log are unknown"):
+        read_problem(path, [f"scene={scene}", "site={x: 30, y: 0}"])

@@ -86,7 +86,7 @@ def build_along(network: Net, seed: int, name: str, lefthand: bool = False) -> p
             for front in _frontage(edge, side, lefthand, *sizes, rng)
         ]
         new = np.array(fronts).reshape(-1, 5)
-        new = new[~_meets_any(new, roads) & ~_meets_any(new, built) & ~_inside_any(new, polygons)]
+        new = new[~meets_any(new, roads) & ~meets_any(new, built) & ~_inside_any(new, polygons)]
         built = np.concatenate([built, new[_first_come(new)]])
     storeys = rng.integers(STOREYS[0], STOREYS[1] + 1, len(built))
     height = STOREY_M * storeys + rng.uniform(0, 1, len(built))
@@ -206,7 +206,8 @@ def _pairs(rectangles: Rectangles, others: Rectangles) -> NDArray[np.int64]:
     return np.concatenate(pairs)
 
 
-def _meets_any(rectangles: Rectangles, others: Rectangles) -> NDArray[np.bool_]:
+def meets_any(rectangles: Rectangles, others: Rectangles) -> NDArray[np.bool_]:
+    """Return which rectangles share a point with one of `others`, shape (n,)."""
     return np.isin(np.arange(len(rectangles)), _pairs(rectangles, others)[:, 0])
 
 

@@ -101,6 +101,7 @@ class Drawing:
         self._draw_numbers(resting, group)
         self._server.flush()
         self._draw_lidars(resting)
+        self._scene.poles(rig.mounts)
         view, placement = studio.view, studio.placement
         most = RESTING_POINTS if resting else MOVING_POINTS
         cloud = view.cloud(placement, most) if panel.cloud.value else None

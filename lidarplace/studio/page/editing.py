@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 ABOVE_M = 0.3
 """Height above the body at which a LiDAR is added, metres."""
+POLE_M = 6.0
+"""The same above the ground of a site."""
 
 
 class Editing:
@@ -68,7 +70,8 @@ class Editing:
         """Press one of the buttons that change which LiDARs there are."""
         studio = self._studio
         if button == "add":
-            top = round(studio.file.vehicle.height + ABOVE_M, 3)
+            on_pole = studio.file.site is not None
+            top = POLE_M if on_pole else round(studio.file.vehicle.height + ABOVE_M, 3)
             studio.add(self.model_to_add(), x=0.0, y=0.0, z=top)
         else:
             getattr(studio, "snap" if button == "to zone" else button)(self.one())

@@ -10,7 +10,7 @@ from lidarplace.rigs.placement import Placement
 from lidarplace.studio.frame_view import MOVING_POINTS, RESTING_POINTS, FrameView
 from lidarplace.studio.page.panel import NO_RIG, Panel
 from lidarplace.studio.page.rig_nodes import RigNodes
-from lidarplace.studio.page.scene import EYE, LOOKS_AT, Scene
+from lidarplace.studio.page.scene import Scene
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.studio import Studio
 
@@ -57,6 +57,7 @@ class OtherRig:
         if rig != self._lidars:
             self._lidars = rig
             self._nodes.lidars(rig, rig.models(studio.file.lidar), chosen=None, wrong=None)
+            self._scene.poles(rig.mounts, NODE)
         placement = studio.placement_of(rig)
         self._draw_cloud(rig, placement, view, resting)
         if apart and self._objects != (placement, view):
@@ -79,7 +80,7 @@ class OtherRig:
         """Let a browser see both rigs where they are apart, and else the selected one."""
         camera, roi = client.camera, self._studio.roi
         if not self._panel.apart.value or self._panel.other_rig.value == NO_RIG:
-            camera.position, camera.look_at = EYE, LOOKS_AT
+            camera.position, camera.look_at = self._scene.camera
             return
         half = 0.5 * (roi.y[1] - roi.y[0] + _aside(roi))
         away = half / (camera.aspect * math.tan(0.5 * camera.fov))

@@ -1,7 +1,8 @@
-"""Surroundings of the rig in the scene of a page: vehicle, ground, zones and objects."""
+"""Surroundings of the rig in the scene of a page: vehicle or site, ground, zones and objects."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from lidarplace.base.roi import Roi
 from lidarplace.clouds.shapes import between
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.zone import Zone
+from lidarplace.rigs.placement import Mount
+from lidarplace.scenes.site import Obstacles
 from lidarplace.studio.blind_ground import BlindGround
 from lidarplace.studio.page.rig_nodes import rgb
 from lidarplace.studio.rigs_file import RigsFile
@@ -27,7 +30,12 @@ SENSORS = ("#e8590c", "#fab005", "#82c91e", "#2b8a3e")
 RECALL = ("#d95f02", "#e8904f", "#f2c49b", "#eeeeee", "#a9cce3", "#5a9fce", "#1f6fb0")
 """Colours of ground by expected recall, in equal parts from 0 to 1."""
 UNSEEN = "#e03131"
-EYE, LOOKS_AT = (-6.0, 4.0, 5.0), (1.5, 0.0, 0.8)  # of the initial camera, metres
+Camera = tuple[tuple[float, float, float], tuple[float, float, float]]
+CAR: Camera = (-6.0, 4.0, 5.0), (1.5, 0.0, 0.8)
+"""Where the initial camera is and looks at, metres."""
+POLES: Camera = (-36.0, 24.0, 34.0), (0.0, 0.0, 0.0)
+"""The same at a site."""
+ROAD, WALL = (186, 194, 204), (173, 181, 189)
 
 
 class Scene:
@@ -41,10 +49,11 @@ class Scene:
             self._lines(f"/zones/{number}", _prism(zone), "#2b8a3e", 2.0)
             x, y = np.mean(zone.polygon, axis=0).tolist()
             self._scene.add_label(f"/zones/{number}/name", zone.name, position=(x, y, zone.z[1]))
-        server.initial_camera.position, server.initial_camera.look_at = EYE, LOOKS_AT
+        self.camera = CAR if file.site is None else POLES
+        server.initial_camera.position, server.initial_camera.look_at = self.camera
 
     def stand(self, node: str) -> None:
-        """Draw ground and vehicle below a node of the scene."""
+        """Draw the ground, and the vehicle or what is around a site, below a node of the scene."""
         self._vehicle(node)
         roi = self._roi
         centre = (0.5 * sum(roi.x), 0.5 * sum(roi.y), -0.01)
@@ -53,9 +62,12 @@ class Scene:
             cell_size=1.0, section_size=10.0, position=centre, cell_color=(225, 228, 232),
             section_color=(190, 196, 204), fade_distance=1000.0,
         )  # fmt: skip
-        sides = [side * LANE_M for side in (-1.5, -0.5, 0.5, 1.5)]
-        lanes = [[(roi.x[0], y, 0.0), (roi.x[1], y, 0.0)] for y in sides]
-        self._lines(f"{node}/lanes", np.array(lanes), "#8d99a6", 1.5)
+        if self._file.around is None:
+            sides = [side * LANE_M for side in (-1.5, -0.5, 0.5, 1.5)]
+            lanes = [[(roi.x[0], y, 0.0), (roi.x[1], y, 0.0)] for y in sides]
+            self._lines(f"{node}/lanes", np.array(lanes), "#8d99a6", 1.5)
+        else:
+            self._obstacles(node, self._file.around)
         box = between(np.array([[roi.x, roi.y, roi.z]]).swapaxes(1, 2))
         self._boxes_as_lines(f"{node}/roi", box, style.OUTLINE, 1.0)
 
@@ -69,6 +81,24 @@ class Scene:
             self._mesh(f"{node}/keep_out", *triangles(between(keep_out)), **out)
         if body.mesh is not None:
             self._mesh(f"{node}/vehicle_mesh", body.mesh.vertices, body.mesh.faces, **look)
+
+    def _obstacles(self, node: str, around: Obstacles) -> None:
+        look: dict[str, Any] = {"flat_shading": True, "receive_shadow": False}
+        flat = np.zeros((len(around.lanes), 7))
+        flat[:, [0, 1, 6]], flat[:, 3:5] = around.lanes[:, :3], 2 * around.lanes[:, 3:]
+        for name, boxes, colour, opacity in (
+            ("lanes", flat, ROAD, 1.0),
+            ("buildings", around.buildings, WALL, 0.35),
+        ):
+            if len(boxes):
+                vertices, faces = triangles(boxes)
+                self._mesh(f"{node}/{name}", vertices, faces, color=colour, opacity=opacity, **look)
+
+    def poles(self, mounts: Sequence[Mount], node: str = "") -> None:
+        """Draw the poles of a site below a node; a vehicle has none."""
+        if self._file.site is not None:
+            ends = [(mount.position * [1.0, 1.0, 0.0], mount.position) for mount in mounts]
+            self._lines(f"{node}/poles", np.reshape(ends, (-1, 2, 3)), style.OUTLINE, 4.0)
 
     def _mesh(self, name: str, vertices: NDArray[Any], faces: NDArray[Any], **look: Any) -> None:
         self._scene.add_mesh_simple(

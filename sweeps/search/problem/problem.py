@@ -42,7 +42,7 @@ from sweeps.plan.trial import Trial
 from sweeps.search.problem.assess import Criteria
 from sweeps.search.problem.constraints import Carrier, constraints_of, vehicle_in
 from sweeps.search.problem.rig import MountedLidar, Rig, ordered, placement_of
-from sweeps.search.problem.search_config import SearchConfig
+from sweeps.search.problem.search_config import SearchConfig, as_plain
 from sweeps.search.problem.slots import Assignment
 from sweeps.search.problem.space import Space, rig_of
 from sweeps.search.problem.start import start_of
@@ -281,6 +281,8 @@ def _problem(source: dict[str, Any], path: Path) -> SearchProblem:
         seed=file.scene.seed,
     )
     whole = portable(source, path.parent)
+    if file.site is not None:  # strips in place of kerbs
+        whole["search"]["zones"] = {name: as_plain(zone) for name, zone in settings.zones.items()}
     return SearchProblem(path, whole, file, models, space, start, criteria, rigs)
 
 

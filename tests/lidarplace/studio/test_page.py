@@ -24,7 +24,7 @@ pytest.importorskip("viser")
 from lidarplace.studio.page.other_rig import VIOLET
 from lidarplace.studio.page.panel import NO_RIG, assign
 from lidarplace.studio.page.rig_nodes import quaternion, rgb
-from lidarplace.studio.page.scene import EYE
+from lidarplace.studio.page.scene import CAR
 from tests.lidarplace.studio.browsers import GUARD_S, Browser, chromium, shown, until
 
 
@@ -247,13 +247,13 @@ def test_another_rig_stands_beside_in_one_colour_over_it_or_apart(page, browser,
     assert calls.count(other) == number  # it has not moved
     browser.type("apart", True)
     until(lambda: other_rig._node.position.tolist() == [0, 21, 0])  # as wide as the ROI, and 5 m
-    until(lambda: browser.cameras and browser.cameras[-1] != EYE)
+    until(lambda: browser.cameras and browser.cameras[-1] != CAR[0])
     assert other_rig._apart.visible
     studio.show_frame(2)
     page.refresh(resting=False)  # as when it is played
     until(lambda: other_rig._objects == (other, studio.view))
     browser.type("apart", False)
-    until(lambda: not other_rig._apart.visible and browser.cameras[-1] == EYE)
+    until(lambda: not other_rig._apart.visible and browser.cameras[-1] == CAR[0])
     page.editing.choose_rig("left handed")
     page.refresh()
     until(lambda: not other_rig._node.visible and page.panel.other_rig.value == NO_RIG)

@@ -1,0 +1,119 @@
+"""Zones along kerbs: strips beside lanes, on no lane and in no building around a site."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from lidarplace.base.errors import InputError
+from lidarplace.base.roi import Interval
+from lidarplace.configuration.mounting import Span, number_as_interval, ordered
+from lidarplace.configuration.settings import Distance, Settings, validated
+from lidarplace.scenes.kinds import Scene, obstacles_around
+from lidarplace.scenes.site import Obstacles, Site
+from lidarplace.scenes.sumo.buildings import Rectangles, meets_any
+from lidarplace.viewing.solids import corners
+
+STEP_M = 0.5
+"""Length of the pieces of which strips are made, metres."""
+LEAST_PIECES = 4
+"""Pieces of a strip at least."""
+_Beside = Annotated[Distance, Field(gt=0)]
+_OF_ONE_ZONE = ("polygon", "lidars", "mirrored")
+
+
+class _KerbSettings(Settings):
+    """A zone along kerbs: its distance from lanes, and where they are."""
+
+    kerb: Annotated[
+        tuple[_Beside, _Beside], BeforeValidator(number_as_interval), AfterValidator(ordered)
+    ]
+    x: Span
+    y: Span
+
+
+def with_strips(
+    zones: Any, scene: Scene, site: Site, region: Mapping[str, Interval] | None = None
+) -> Any:
+    """Return the zones of a file, plain data, with strips in place of those with the key `kerb`.
+
+    The strips of `kerbs` are `kerbs_1`, the longest, `kerbs_2`, … `region`: x and y of zones
+    without them. Raises InputError: a value is wrong, or no kerb is there."""
+    if not isinstance(zones, Mapping):
+        return zones
+    expanded: dict[Any, Any] = {}
+    for name, zone in zones.items():
+        if not isinstance(zone, Mapping) or zone.get("kerb") is None:
+            expanded[name] = zone
+            continue
+        for key in _OF_ONE_ZONE:
+            if key in zone:
+                problem = "is of a single zone, and kerbs are several"
+                raise InputError(problem, key=f"zones.{name}.{key}", fix="remove it")
+        own = {key: zone[key] for key in _KerbSettings.model_fields if key in zone}
+        settings = validated(_KerbSettings, {**(region or {}), **own}, f"zones.{name}")
+        shared = {key: value for key, value in zone.items() if key not in own}
+        found = _strips(obstacles_around(scene, site), settings.kerb, settings.x, settings.y)
+        if not len(found):
+            problem = "no kerb of a lane is within x and y"
+            fix = "draw polygons; the lanes of a log are unknown" * (scene.source == "log")
+            raise InputError(problem, key=f"zones.{name}.kerb", fix=fix)
+        for number, polygon in enumerate(_corners(found).tolist(), start=1):
+            expanded[f"{name}_{number}"] = shared | {"polygon": polygon}
+    return expanded
+
+
+def _strips(around: Obstacles, kerb: Interval, x: Interval, y: Interval) -> Rectangles:
+    """Return disjoint strips beside lanes, the longest first, on no lane and in no building.
+
+    `kerb`: least and greatest distance from the lane that a strip follows, metres; another lane may
+    be nearer. They are inside of x and y, and at least 2 m long."""
+    pieces, lane = _beside(around.lanes, kerb)
+    x_y = _corners(pieces)
+    walls = around.buildings[:, [0, 1, 6, 3, 4]] * [1, 1, 1, 0.5, 0.5]
+    inside = (x_y >= [x[0], y[0]]) & (x_y <= [x[1], y[1]])
+    free = np.asarray(inside.all(axis=(1, 2)), bool)
+    for blocked in (around.lanes, walls):
+        free[free] = ~meets_any(pieces[free], blocked)
+    found = []
+    while free.any():
+        numbers = np.flatnonzero(free)
+        apart = (np.diff(numbers) > 1) | (np.diff(lane[numbers]) > 0)
+        longest = max(np.split(numbers, np.flatnonzero(apart) + 1), key=len)
+        if len(longest) < LEAST_PIECES:
+            break
+        strip = pieces[longest].mean(axis=0)
+        strip[3] *= len(longest)
+        found.append(strip)
+        free[longest] = False
+        free[free] = ~meets_any(pieces[free], strip[None])
+    return np.reshape(found, (-1, 5))
+
+
+def _beside(lanes: Rectangles, kerb: Interval) -> tuple[Rectangles, NDArray[np.int64]]:
+    """Return pieces along both sides of all lanes, in order, and the number of the side of each."""
+    low, high = kerb
+    pieces, sides = [np.empty((0, 5))], [np.empty(0, np.int64)]
+    for number, (x, y, yaw, length, width) in enumerate(lanes.tolist()):
+        most = int(length / STEP_M)
+        along, c, s = STEP_M * np.arange(-most, most + 1), np.cos(yaw), np.sin(yaw)
+        for side in (-1, 1):
+            left = side * (width + (low + high) / 2)
+            piece = np.full((len(along), 5), [x, y, yaw, STEP_M / 2, (high - low) / 2])
+            piece[:, 0] += c * along - s * left
+            piece[:, 1] += s * along + c * left
+            pieces.append(piece)
+            sides.append(np.full(len(along), 2 * number + (side > 0)))
+    return np.concatenate(pieces), np.concatenate(sides)
+
+
+def _corners(rectangles: Rectangles) -> NDArray[np.float64]:
+    """Return the corners of rectangles, anticlockwise, shape (n, 4, 2)."""
+    x, y, yaw, length, width = rectangles.T
+    zero = np.zeros_like(x)
+    boxes = np.stack([x, y, zero, 2 * length, 2 * width, zero, yaw], axis=1)
+    return corners(boxes)[:, [0, 1, 3, 2], :2]
