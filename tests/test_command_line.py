@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from sweeps.command_line import VERBS, app
+from tests.sweeps.small_log import write_small_log
 
 ROOT = Path(__file__).parents[1]
 CONVERT = ("nuscenes", "truckscenes", "argoverse", "table", "kitti", "openpcdet", "pandaset")
@@ -191,17 +192,8 @@ def test_an_override_with_a_mistake(in_folder, verb, pair, texts):
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
-    """A box log with a car in one frame of two."""
-    import pandas as pd
-
-    from lidarplace.logs.box_log import BoxLog, write_box_log
-    from lidarplace.logs.boxes import BOX_COLUMNS
-
     folder = tmp_path_factory.mktemp("logs") / "log"
-    box = ("a", 0, 0.0, "1", "Car", 10.0, 0.0, 0.8, 4.0, 2.0, 1.6, 0.0)
-    frames = pd.DataFrame({"scene": "a", "frame": [0, 1], "timestamp_s": [0.0, 0.1]})
-    frames = frames.assign(route=[0, 1], split=["train", "test"])
-    write_box_log(folder, BoxLog(pd.DataFrame([box], columns=BOX_COLUMNS), frames))
+    write_small_log(folder)
     return folder
 
 
@@ -335,8 +327,8 @@ def test_a_log_as_json(log):
     description = json.loads(lidarplace("describe", log, "--json").stdout)
     rows = description[str(log)]
     assert [row["scene"] for row in rows] == ["a", "a", "all"]
-    assert rows[-1]["frames"] == 2
-    assert rows[-1]["ROI Car"] == 0.5
+    assert rows[-1]["frames"] == 4
+    assert rows[-1]["ROI Car"] == 4.0
 
 
 # Completion

@@ -76,18 +76,7 @@ def test_anchors_are_githubs(tmp_path):
 
 
 def test_files_of_python_that_pages_name_exist():
-    folders = (
-        "lidarplace",
-        "training",
-        "tracking",
-        "sweeps",
-        "benchmarks",
-        "studies",
-        "tests",
-        "examples",
-    )
-    files = {path.name for folder in folders for path in (ROOT / folder).rglob("*.py")}
-    files |= {path.name for path in (ROOT / "docs").glob("*.py")}
+    files = {path.name for path in ROOT.glob("[!.]*/**/*.py")}
     for page in PAGES:
         named = set(re.findall(r"`(\w+\.py)`", text_of(page)))
         assert named <= files, f"{page.name}: {named - files}"

@@ -17,7 +17,7 @@ from sweeps.configuration.file import public_yaml
 from sweeps.evaluation.request import EvaluationRequest
 from sweeps.results.failure_frames import frames_of
 from sweeps.results.object_tables import ABOUT, found_in
-from sweeps.results.trial_results import Cell, with_columns
+from sweeps.results.trial_results import with_columns
 from sweeps.stages.measure import EVALUATION_TABLES, EvaluationResult, evaluate_detections
 from tracking.report.analysis import Analysis
 from tracking.run_folders import sweep_tables as contract
@@ -25,6 +25,7 @@ from tracking.run_folders.arrays import FailureFrames
 from tracking.run_folders.json_file import Triangles
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Frames, SweepResult
+from tracking.run_folders.table_schema import Cell
 
 DETECTOR = "own"
 """Name of the detector in tables."""

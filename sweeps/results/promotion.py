@@ -17,9 +17,10 @@ from lidarplace.base.metrics import OF_CLASSES, RANKING, Direction
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Rung
 from sweeps.plan.trial import Plan, Trial, with_detector
-from sweeps.results.trial_results import Cell, cells, headline_value, trial_seconds
+from sweeps.results.trial_results import headline_value, trial_seconds
 from sweeps.stages.task import Task
 from sweeps.store.local import Store
+from tracking.run_folders.table_schema import Cell, cell
 
 _ALL = "all"
 
@@ -170,7 +171,7 @@ def _standings(
         {
             "rung": number,
             "detector": point.detector_name or "",
-            **cells(axes),
+            **{axis: cell(value) for axis, value in axes.items()},
             "placement": name,
             "by": rung.by,
             "class": object_class,

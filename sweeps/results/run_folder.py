@@ -26,7 +26,6 @@ from sweeps.results.promotion import Promotion
 from sweeps.results.rig_cautions import rig_cautions
 from sweeps.results.rigs import FILE, lidar_models, rigs_yaml
 from sweeps.results.trial_results import (
-    Cell,
     axis_values,
     identity,
     trial_failure,
@@ -43,7 +42,7 @@ from tracking.run_folders.arrays import FailureFrames, Grounds
 from tracking.run_folders.json_file import Surroundings, Triangles
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
-from tracking.run_folders.table_schema import TableSchema
+from tracking.run_folders.table_schema import Cell, TableSchema
 from training.typical_objects import as_plain
 
 _OF_STAGES = (

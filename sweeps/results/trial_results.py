@@ -1,21 +1,17 @@
 """Results of one trial, as tables with its place in the grid in front."""
 
-import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
 from sweeps.execution.failures import Failure
 from sweeps.plan.trial import DetectorTrial, Trial
-from sweeps.stages.measure import EvaluationResult
 from sweeps.stages.task import Task
 from sweeps.store.local import Store
 from tracking.findings.groups import ONE_FOR_ALL
 from tracking.kitti_iou import at_headline_iou
-
-Cell = int | float | str
-"""Value of a cell of a table."""
+from tracking.run_folders.table_schema import Cell, cell
 
 
 def trial_failure(trial: Trial, failures: Mapping[str, Failure]) -> Failure | None:
@@ -23,14 +19,10 @@ def trial_failure(trial: Trial, failures: Mapping[str, Failure]) -> Failure | No
     return next((failures[t.key] for t in trial.results if t.key in failures), None)
 
 
-def trial_results(
-    trial: DetectorTrial,
-    store: Store,
-    axes: Sequence[str],
-    table: Callable[[EvaluationResult], pd.DataFrame] = lambda found: found.metrics,
-) -> pd.DataFrame:
-    """Read a table of a trial's evaluation, its identity in front."""
-    return with_columns(store.read(trial.evaluate, table), identity(trial, axes))
+def trial_results(trial: DetectorTrial, store: Store, axes: Sequence[str]) -> pd.DataFrame:
+    """Read the metrics of a trial's evaluation, its identity in front."""
+    metrics = store.read(trial.evaluate, lambda found: found.metrics)
+    return with_columns(metrics, identity(trial, axes))
 
 
 def headline_value(metrics: pd.DataFrame, metric: str, object_class: str) -> float:
@@ -69,12 +61,7 @@ def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
 
 def axis_values(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
     """Return a trial's place on these axes, as cells of a table."""
-    return cells({axis: trial.grid_point.axes[axis] for axis in axes})
-
-
-def cells(values: Mapping[str, object]) -> dict[str, Cell]:
-    """Convert values to cells of a table, which a list or mapping is not."""
-    return {k: v if isinstance(v, (int, float, str)) else json.dumps(v) for k, v in values.items()}
+    return {axis: cell(trial.grid_point.axes[axis]) for axis in axes}
 
 
 def with_columns(table: pd.DataFrame, columns: Mapping[str, Cell]) -> pd.DataFrame:

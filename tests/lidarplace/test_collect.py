@@ -29,11 +29,11 @@ TWO = [Mount(y=0.5, z=2.2, roll=0.28), Mount(x=0.5, z=2.4, yaw=1.0)]
 GRID_M = 0.0005  # clouds are kept to half a millimetre
 
 
-def log(frames: int = 6, per_frame: int = 8) -> BoxLog:
+def log(frames: int = 6, per_frame: int = 8, x=(6, 35), y=(-18, 18)) -> BoxLog:
     rng = np.random.default_rng(5)
     rows = frames * per_frame
     table = pd.DataFrame(rng.uniform(1.5, 4, (rows, 7)), columns=list(GEOMETRY))
-    table["x"], table["y"] = rng.uniform(6, 35, rows), rng.uniform(-18, 18, rows)
+    table["x"], table["y"] = rng.uniform(*x, rows), rng.uniform(*y, rows)
     table["z"] = table["height"] / 2
     table.insert(0, "frame", np.repeat(np.arange(frames), per_frame))
     table.insert(1, "class", rng.choice(["Car", "Cyclist", "Pedestrian"], rows))

@@ -26,10 +26,9 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.requirements.rays_on_objects import count_cells, count_points, sights_of
 from lidarplace.rigs.scan_pattern import ScanPattern
-from tests.lidarplace.from_a_car import cast
 from tests.lidarplace.recall.small_scenes import CURVES, MOUNTS, ROWS, log_of
 from tests.lidarplace.recall.small_scenes import ROI as ROI_OF_ROWS
-from tests.lidarplace.test_raycast import brute_force, poses, random_parts
+from tests.lidarplace.test_raycast import assert_as_brute_force, poses, random_parts
 
 TURNING = Lidar(tuple(np.radians([-40.0, -15.0, -3.0, 4.0])), azimuth_steps=120, range_10=20.0)
 ROI = Roi((-10, 10), (-10, 10), (0, 3), 0.5)
@@ -58,13 +57,8 @@ def matched(lidar: Lidar, table: Lidar) -> np.ndarray:
 def test_rays_in_any_direction_agree_with_brute_force(mount, seed, rays):
     rng = np.random.default_rng(seed)
     angles = rng.uniform(-math.pi, math.pi, rays), rng.uniform(-math.pi / 2, math.pi / 2, rays)
-    lidar, parts = Lidar.patterned(ScanPattern(*angles, rays)), random_parts(seed, 25)
-    hits = cast(mount, lidar, parts)
-    expected, target, reflected = brute_force(mount, lidar, parts)
-    np.testing.assert_allclose(hits.range, expected, rtol=1e-11, atol=1e-11)
-    same = hits.target == target  # two surfaces at one distance: either may win
-    assert same.mean() > 0.9
-    np.testing.assert_allclose(hits.reflected[same], reflected[same], atol=1e-11)
+    lidar = Lidar.patterned(ScanPattern(*angles, rays))
+    assert_as_brute_force(mount, lidar, random_parts(seed, 25), 1e-11, 0.9)
 
 
 MOUNT = Mount(0.3, 0.2, 1.9, 0.1, 0.2, 0.4)

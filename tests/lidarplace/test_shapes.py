@@ -24,6 +24,7 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount
 from lidarplace.rigs.pose import rotation
 from tests.lidarplace.from_a_car import cast
+from tests.lidarplace.test_raycast import faces
 from tests.refused import refused
 
 NAMES = ("Car", "Cyclist", "Pedestrian", "Tram")
@@ -41,14 +42,8 @@ def parts_of(boxes: pd.DataFrame, seed: int = 0) -> Parts:
 
 def corners_in_box(parts: Parts, box: np.ndarray) -> np.ndarray:
     """Corners of all parts in the frame of the box, as shares of its half size."""
-    found = []
-    for part in parts.geometry:
-        length, width, height = part[3:6] / 2
-        front, rear, side = part[7:]
-        below = [(x, y, -height) for x in (-length, length) for y in (-width, width)]
-        above = [(x, width - side, height) for x in (rear - length, length - front)]
-        found += [rotation(0, 0, part[6]) @ corner + part[:3] for corner in below + above]
-    return (np.array(found) - box[:3]) @ rotation(0, 0, box[6]) / (box[3:6] / 2)
+    found = np.concatenate([faces(part)[0] for part in parts.geometry])
+    return (found - box[:3]) @ rotation(0, 0, box[6]) / (box[3:6] / 2)
 
 
 def of_row(parts: Parts) -> np.ndarray:

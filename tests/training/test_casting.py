@@ -16,6 +16,7 @@ from lidarplace.rigs.correction import Correction, Mask
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.scan_pattern import ScanPattern
+from tests.lidarplace.test_collect import log
 from tests.training.other_device import other_device
 from training.casting import points_on
 from training.ops.gpu import casting
@@ -34,20 +35,12 @@ def device(monkeypatch):
 
 
 def log_of(frames: int, objects: int, buildings: bool = False) -> BoxLog:
-    random = np.random.default_rng(5)
-    rows = frames * objects
-    boxes = pd.DataFrame(random.uniform(1.5, 4, (rows, 7)), columns=list(GEOMETRY))
-    boxes["x"], boxes["y"] = random.uniform(-8, 30, rows), random.uniform(3, 18, rows)
-    boxes["z"] = boxes["height"] / 2
-    boxes.insert(0, "frame", np.repeat(np.arange(frames), objects))
-    boxes.insert(1, "class", random.choice(["Car", "Cyclist", "Pedestrian"], rows))
-    boxes.insert(2, "object_id", np.arange(rows))
-    listed = pd.DataFrame({"scene": "a", "frame": np.arange(frames)})
+    random = log(frames, objects, (-8, 30), (3, 18))
     if not buildings:
-        return BoxLog(boxes, listed)
-    poses = listed.assign(ego_x=100.0, ego_y=50.0, ego_yaw=0.3)
+        return random
+    poses = random.frames.assign(ego_x=100.0, ego_y=50.0, ego_yaw=0.3)
     walls = pd.DataFrame([("a", 104, 75, 3, 30, 2, 6.0, 0.2)], columns=["scene", *GEOMETRY])
-    return BoxLog(boxes, poses, walls)
+    return BoxLog(random.boxes, poses, walls)
 
 
 def check_equal(device, clouds, frames: int) -> None:

@@ -1,6 +1,5 @@
 """Promotion from cheap stages to a full training: what it risked and what it saved."""
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,6 +14,7 @@ from tracking.kitti_iou import headline_iou
 from tracking.labels import detector_label, metric_label, surrogate_name
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Rung
+from tracking.run_folders.table_schema import cell
 from tracking.statistics.coefficients import permutation_p
 
 FULL_TRAINING = "full training"  # the stage after the last rung
@@ -60,13 +60,8 @@ def is_full(table: pd.DataFrame, axes: Sequence[str], rungs: Sequence[Rung] = ()
     for rung in rungs:
         setting = {k: v for k, v in rung.set.items() if k in table and table[k].nunique() > 1}
         if setting:
-            full &= ~np.logical_and.reduce([table[k] == _cell(v) for k, v in setting.items()])
+            full &= ~np.logical_and.reduce([table[k] == cell(v) for k, v in setting.items()])
     return full
-
-
-def _cell(value: object) -> object:
-    """Convert a value of the configuration to the cell of a table."""
-    return value if isinstance(value, (int, float, str)) else json.dumps(value)
 
 
 def promoted(run: RunFolder) -> Iterator[Promoted]:

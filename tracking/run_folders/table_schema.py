@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import reprlib
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,8 +20,15 @@ from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
 
 DType = Literal["int64", "float64", "str", "bool"]
+Cell = int | float | str
+"""Value of a cell of an axis."""
 
 _WANTED = {"int64": "numbers", "float64": "numbers", "str": "text", "bool": "true and false"}
+
+
+def cell(value: object) -> Cell:
+    """Convert a value of the configuration to the cell of a table; a list or mapping to JSON."""
+    return value if isinstance(value, (int, float, str)) else json.dumps(value)
 
 
 @dataclass(frozen=True)
