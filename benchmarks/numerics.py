@@ -21,7 +21,6 @@ import numpy as np
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.coverage import coverage
-from lidarplace.coverage.cone import covered_voxel_by_voxel
 from lidarplace.coverage.rays import ray_counts
 from lidarplace.pog.occupancy.box_counts import count_boxes
 from lidarplace.pog.occupancy.entropy import binary_entropy
@@ -33,6 +32,7 @@ from tests.lidarplace.test_extremes import (
     exact_information,
     exactly_covered,
 )
+from tests.lidarplace.voxel_by_voxel import covered_voxel_by_voxel
 
 ROI = Roi(x=(0.0, 0.6), y=(-0.3, 0.3), z=(0.0, 0.4), resolution=0.1)
 MANY = 10**7

@@ -2,13 +2,12 @@
 
 As a beam of elevation e turns about the sensor's axis n it sweeps the cone `n.d = sin(e) |d|`
 (paper, section 3.1). A voxel is covered when its closed cube, grown by 1e-9 of its edge, meets the
-cone of some beam, within the sensor's range and field of view. Two algorithms agree to the last
-voxel:
+cone of some beam, within the sensor's range and field of view.
 
-- by column: over the square of a column of voxels the cone is the graph of a convex (e > 0) or
-  concave (e < 0) function of (x, y), so a beam covers one run of z. Columns run along the axis of
-  the grid that is closest to n. Beams whose cone is not a graph are tested voxel by voxel;
-- by voxel: the range of `n.d/|d|` over a cube holds the sine of some beam. Always holds.
+Over the square of a column of voxels the cone is the graph of a convex (e > 0) or concave (e < 0)
+function of (x, y), so a beam covers one run of z. Columns run along the axis of the grid that is
+closest to n. Beams whose cone is not a graph are tested voxel by voxel: the range of `n.d/|d|` over
+a cube holds the sine of some beam.
 
 Where range or field of view end within a tile, its voxels are tested against the part of the cone
 that is seen. A pattern that does not repeat sweeps no cones; its rays are walked one by one."""
@@ -19,13 +18,12 @@ from typing import Any
 
 import numpy as np
 from cachetools import LRUCache, cached
-from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
 from lidarplace.coverage.bits import Bits, empty, exchange_columns, pack
 from lidarplace.coverage.cone_columns import Columns, cover_tiles
 from lidarplace.coverage.cone_sines import Sensor
-from lidarplace.coverage.cone_voxels import cover_voxels, keep_seen
+from lidarplace.coverage.cone_voxels import keep_seen
 from lidarplace.coverage.rays import covered_by_rays
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.rigs.lidar import Lidar
@@ -40,12 +38,12 @@ def cone_bits(placement: Placement, roi: Roi, tiles: Tiles) -> Bits:
     """Return voxels that the beams of `placement` cover, right for those that matter by `tiles`."""
     bits = empty(roi.shape)
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
-        for block_mount, block, _ in blocks(mount, _around(lidar)):
+        for block_mount, block, _ in blocks(mount, around(lidar)):
             bits |= sensor_bits(block, block_mount, roi, tiles)
     return bits
 
 
-def _around(lidar: Lidar) -> Lidar:
+def around(lidar: Lidar) -> Lidar:
     """Return the LiDAR without offsets of azimuth, if its cones are whole: they are the same."""
     return replace(lidar, azimuth_offsets=None) if lidar.full_turn else lidar
 
@@ -67,7 +65,7 @@ def sensor_bits(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> Bits:
         bits = pack(covered_by_rays(Placement("one", [mount], lidar), roi, "dda"))
         bits.flags.writeable = False
         return bits
-    sensor = _sensor(lidar, mount)
+    sensor = sensor_of(lidar, mount)
     run = int(np.argmax(np.abs(sensor.frame[2])))
     axes = list(_AXES[run])
     nx, ny, nz = (roi.shape[axis] for axis in axes)
@@ -91,16 +89,8 @@ def sensor_bits(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> Bits:
     return bits
 
 
-def covered_voxel_by_voxel(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
-    """Return `coverage` by cones, by the test of every single voxel: slower, always valid."""
-    covered = np.zeros(roi.shape, np.bool_)
-    for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
-        for block_mount, block, _ in blocks(mount, _around(lidar)):
-            cover_voxels(_sensor(block, block_mount), roi.minimum, roi.resolution, covered)
-    return covered
-
-
-def _sensor(lidar: Lidar, mount: Mount) -> Sensor:
+def sensor_of(lidar: Lidar, mount: Mount) -> Sensor:
+    """Return one LiDAR as compiled code takes it."""
     sines = np.unique(np.sin(lidar.elevations))
     azimuth = np.array((-np.pi, np.pi) if lidar.full_turn else lidar.azimuth)
     frame = np.ascontiguousarray(mount.rotation.T)

@@ -1,4 +1,4 @@
-"""Coverage by voxels: those that range and field of view cut out, and the test of every voxel.
+"""Coverage by voxels: those that range and field of view cut out.
 
 `keep_seen` clears the voxels whose part of the cones is not seen, from coarse to fine: tiles,
 blocks of columns, runs of a column, voxels. A voxel of which nobody knows yet is decided by its
@@ -8,7 +8,7 @@ import numpy as np
 
 from lidarplace.base.kernel_cache import inlined, inner, njit
 from lidarplace.coverage.cone_columns import TILE_X, TILE_Y
-from lidarplace.coverage.cone_sines import HAIR, box_of, lattice_of, sine_range, sines_between
+from lidarplace.coverage.cone_sines import HAIR, box_of, lattice_of
 from lidarplace.coverage.cone_view import (
     corners_span,
     near_beams,
@@ -85,19 +85,3 @@ def _is_seen(voxel, lattice, sensor, view):
         if patch_meets(low, high, sensor.sines[b], sensor, view):
             return True
     return False
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def cover_voxels(sensor, minimum, resolution, covered):
-    """Set the voxels that the beams of one sensor cover, one by one, in a mask (nx, ny, nz)."""
-    view, sines, lattice = view_of(sensor), sensor.sines, lattice_of(sensor, minimum, resolution)
-    for i, j, k in np.ndindex(covered.shape):
-        low, high = box_of(lattice, (i, j, k), (i + 1, j + 1, k + 1))
-        side = side_of_view(low, high, view)
-        if covered[i, j, k] or side < 0:
-            continue
-        first, last = sines_between(sines, *sine_range(low, high, view.n))
-        for b in range(first, last):
-            if side > 0 or patch_meets(low, high, sines[b], sensor, view):
-                covered[i, j, k] = True
-                break

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.coverage import coverage
 from lidarplace.coverage.bits import unpack
-from lidarplace.coverage.cone import cone_bits, covered_voxel_by_voxel, sensor_bits
+from lidarplace.coverage.cone import cone_bits, sensor_bits
 from lidarplace.coverage.tiles import Tiles
+from tests.lidarplace.voxel_by_voxel import covered_voxel_by_voxel
 
 # Several tiles of columns, and more than 64 voxels along z, with the last of each cut short.
 WIDE = Roi(x=(0.0, 4.5), y=(-3.5, 3.5), z=(0.0, 7.0), resolution=0.1)

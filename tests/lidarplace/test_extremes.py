@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.base.errors import InputError
 from lidarplace.coverage import coverage
-from lidarplace.coverage.cone import covered_voxel_by_voxel
 from lidarplace.coverage.rays import ray_counts
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.pog.surrogates.formulas import information
+from tests.lidarplace.voxel_by_voxel import covered_voxel_by_voxel
 
 ROI = Roi(x=(0.0, 1.5), y=(-0.75, 0.75), z=(0.0, 1.0), resolution=0.25)
 DECIMAL = Roi(x=(0.0, 0.6), y=(-0.3, 0.3), z=(0.0, 0.4), resolution=0.1)
