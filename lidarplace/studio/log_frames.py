@@ -8,7 +8,7 @@ from typing import Any
 from cachetools import LRUCache
 
 from lidarplace.base.errors import InputError
-from lidarplace.logs.box_log import BoxLog, join_logs, read_boxes, read_frames
+from lidarplace.logs.box_log import BoxLog, evenly, join_logs, read_boxes, read_frames
 from lidarplace.scenes.kinds import Scene, scene_parts
 from lidarplace.scenes.site import Site
 from lidarplace.scenes.sumo.record import record
@@ -66,14 +66,17 @@ def simulated_traffic() -> BoxLog:
 
 
 def traffic_at(scene: Scene, site: Site, most_frames: int) -> BoxLog:
-    """Record a scene as a site sees it: parts of it, the first ones, until they have the frames.
+    """Record a scene as a site sees it: its first parts, and of them at most so many frames.
 
     Raises ValueError as `scene_parts` does, and ModuleNotFoundError: SUMO is not installed."""
     logs: list[BoxLog] = []
     for part in scene_parts(scene, site):
         if sum(len(log.frames) for log in logs) < most_frames:
             logs.append(part.recording.record())
-    return join_logs(logs)
+    log = join_logs(logs)
+    frames = evenly(log.frames, most_frames).reset_index(drop=True)
+    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])].reset_index(drop=True)
+    return replace(log, boxes=boxes, frames=frames)
 
 
 def scene_of(log: Path | None, scene: Scene | None = None) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def _carrier(file: RigsFile) -> Content:
     site = {} if file.site is None else {"site": file.content["site"]}
     vehicle = file.carrier_settings
     dumped = vehicle and vehicle.model_dump(mode="json", exclude_defaults=True)
-    return site if dumped is None else site | {"vehicle": dumped}
+    return site if dumped is None or (site and not dumped) else site | {"vehicle": dumped}
 
 
 def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None) -> Content:

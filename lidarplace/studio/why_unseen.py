@@ -17,7 +17,7 @@ from lidarplace.rigs.placement import Placement
 from lidarplace.viewing.frame import Frame
 
 NAMES = {
-    BODY: "the vehicle itself",
+    BODY: "the rig itself or what carries it",
     BUILDING: "a building",
     SIGN: "a sign",
     WORLD: "what stands still and has no label",

@@ -30,6 +30,7 @@ def studio(tmp_path_factory):
 
 
 def test_a_pole_is_checked_against_walls_and_lanes(studio):
+    assert len(studio.log.frames) == 4
     assert not len(studio.file.carrier.extents)
     assert not studio.violations()
     wall = studio.file.around.buildings[0]
@@ -60,6 +61,7 @@ def test_a_sweep_and_a_saved_file_have_the_site(studio, tmp_path):
     scene = scene_of(None, studio.file.scene)
     studio.sweep(tmp_path / "sweep.yaml", scene)
     sweep, _ = read_plan(tmp_path / "sweep.yaml")
+    assert "vehicle" not in sweep.source
     (point,) = sweep.points
     assert point.point.site is not None
     assert point.point.scene == studio.file.scene

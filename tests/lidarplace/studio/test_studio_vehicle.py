@@ -53,7 +53,7 @@ def test_what_the_vehicle_hides_is_not_seen(screened, tmp_path):
     assert (x < -5).any()
     assert not ((x > 1.6) & (np.abs(y) < 2.5 * x)).any()
     (rays,) = screened.why_unseen("car 0")
-    assert rays.stopped == {"the vehicle itself": rays.aimed}
+    assert rays.stopped == {"the rig itself or what carries it": rays.aimed}
     assert rays.aimed == unhidden["points"]["car 0"]
 
 
