@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -17,26 +16,19 @@ Batch = tuple[list[Tensor], list[Tensor], list[Tensor]]
 """Points, boxes and labels by frame, as `Detector.loss` takes them."""
 
 
-@dataclass(frozen=True)
-class OneCycle:
-    """Learning rate up and down, momentum down and up, both along cosines.
+def one_cycle(settings: TrainingSettings, steps: int, step: int) -> tuple[float, float]:
+    """Return learning rate and first Adam coefficient of step 0, 1, …, steps - 1.
 
-    As fastai and OpenPCDet (`adam_onecycle`): from lr / div_factor to lr during the first
-    `pct_start` of the steps, then to lr / div_factor / 10,000."""
-
-    settings: TrainingSettings
-    steps: int
-
-    def __call__(self, step: int) -> tuple[float, float]:
-        """Learning rate and first Adam coefficient of step 0, 1, …, steps - 1."""
-        s = self.settings
-        low = s.lr / s.div_factor
-        top = int(s.pct_start * self.steps)
-        if step < top:
-            part = step / top
-            return _cosine(low, s.lr, part), _cosine(s.moms[0], s.moms[1], part)
-        part = (step - top) / (self.steps - top)
-        return _cosine(s.lr, low / 1e4, part), _cosine(s.moms[1], s.moms[0], part)
+    The rate goes up and down, momentum down and up, along cosines, as of fastai and OpenPCDet
+    (`adam_onecycle`): from lr / div_factor to lr during the first `pct_start` of the steps, then to
+    lr / div_factor / 10,000."""
+    low, moms = settings.lr / settings.div_factor, settings.moms
+    top = int(settings.pct_start * steps)
+    if step < top:
+        part = step / top
+        return _cosine(low, settings.lr, part), _cosine(moms[0], moms[1], part)
+    part = (step - top) / (steps - top)
+    return _cosine(settings.lr, low / 1e4, part), _cosine(moms[1], moms[0], part)
 
 
 def _cosine(start: float, end: float, part: float) -> float:
@@ -51,7 +43,7 @@ class Optimisation:
     def __init__(self, model: Detector, settings: TrainingSettings, steps: int) -> None:
         self._model = model
         self._settings = settings
-        self._schedule = OneCycle(settings, steps)
+        self._all_steps = steps
         self._optimizer = _optimizer(model, settings)
         self._dtype = half_type(model.device, settings.mixed_precision)
         self._scaler = torch.amp.GradScaler(model.device.type, enabled=self._dtype is torch.float16)
@@ -63,7 +55,7 @@ class Optimisation:
 
         Raises ArithmeticError if the loss or its gradient is not a finite number; the weights stay.
         """
-        self.lr, momentum = self._schedule(self.steps)
+        self.lr, momentum = one_cycle(self._settings, self._all_steps, self.steps)
         for group in self._optimizer.param_groups:
             group["lr"] = self.lr
             if "betas" in group:

@@ -20,7 +20,7 @@ from training.batch_size import batch_size_for
 from training.dataset import TrainingFrames, as_tensors, occurring_classes, spread
 from training.detect import detect
 from training.finetune import TrainingContext, finetune
-from training.optimisation import OneCycle, Optimisation
+from training.optimisation import Optimisation, one_cycle
 from training.settings import TrainingSettings
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -133,13 +133,14 @@ def test_frames_drop_other_classes_and_unseen_objects():
 
 def test_one_cycle():
     settings = TrainingSettings(lr=0.01, div_factor=10, pct_start=0.4, moms=(0.95, 0.85))
-    cycle = OneCycle(settings, 100)
     for step, rate in {0: 0.001, 20: 0.0055, 40: 0.01, 70: (0.01 + 1e-7) / 2}.items():
-        assert cycle(step) == pytest.approx((rate, {0: 0.95, 40: 0.85}.get(step, 0.90)))
-    rates = [cycle(step)[0] for step in range(100)]
+        assert one_cycle(settings, 100, step) == pytest.approx(
+            (rate, {0: 0.95, 40: 0.85}.get(step, 0.90))
+        )
+    rates = [one_cycle(settings, 100, step)[0] for step in range(100)]
     assert all(a < b for a, b in pairwise(rates[:41]))
     assert all(a > b for a, b in pairwise(rates[40:]))
-    assert OneCycle(settings, 1)(0) == pytest.approx((0.01, 0.85))
+    assert one_cycle(settings, 1, 0) == pytest.approx((0.01, 0.85))
 
 
 def test_sgd_learns_too():

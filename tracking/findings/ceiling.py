@@ -140,9 +140,9 @@ def _between_detectors(
     return mean_rho
 
 
-def ceiling(reliable: ArrayLike, coefficient: str = "spearman") -> NDArray[np.float64]:
-    """Compute the coefficient of a metric of this reliability with what predicts it perfectly.
+def ceiling(reliable: ArrayLike) -> NDArray[np.float64]:
+    """Compute Spearman's ρ of a metric of this reliability with what predicts it perfectly.
 
     sqrt(reliability), by attenuation (Spearman 1904), on the scale of a normal population's Pearson
     correlation. By luck a sample may exceed it."""
-    return np.asarray(from_normal(np.sqrt(np.asarray(reliable, np.float64)), coefficient))
+    return np.asarray(from_normal(np.sqrt(np.asarray(reliable, np.float64)), "spearman"))

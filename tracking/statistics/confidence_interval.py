@@ -142,10 +142,10 @@ def from_normal(r: Values, coefficient: str) -> Values:
     return 2 / np.pi * np.arcsin(r) if coefficient == "kendall" else r
 
 
-def strength_leads(x: Values, y: Values, coefficient: str = "spearman") -> Values:
-    r"""Compute 95 % intervals of the first \|coefficient\| less each other, for all pairs at once.
+def strength_leads(x: Values, y: Values) -> Values:
+    r"""Compute 95 % intervals of the first \|ρ\| less each other, for all pairs at once.
 
-    The samples share their placements and the metric, so their coefficients go together. Zou (2007)
+    The samples share their placements and the metric, so their ρ go together. Zou (2007)
     makes of their `intervals` that of their difference, with the correlation of two sample
     correlations in normal populations (Olkin and Siotani 1976), for ranks as an approximation.
     Every sample is turned so that its coefficient is positive, and may then be negative in the
@@ -153,13 +153,13 @@ def strength_leads(x: Values, y: Values, coefficient: str = "spearman") -> Value
     from the same results, so the level is that of the studentized range of so many surrogates.
     `x` has a row a surrogate, shape (..., k, n), `y` is that of `intervals`; the result has shape
     (..., k - 1, 2)."""
-    of_x, of_y = scores(x, coefficient), scores(without_seeds(y).means, coefficient)
+    of_x, of_y = scores(x, "spearman"), scores(without_seeds(y).means, "spearman")
     coefficients = (of_x * of_y[..., None, :]).sum(axis=-1)
     sign = np.where(coefficients < 0, -1.0, 1.0)
     level = _simultaneous_level(x.shape[-2])
-    bounds = intervals(sign[..., None] * x, y[..., None, :, :], coefficient, level)
+    bounds = intervals(sign[..., None] * x, y[..., None, :, :], "spearman", level)
     strength = np.abs(coefficients)
-    estimate = np.clip(corrected(strength, y, coefficient), bounds[..., 0], bounds[..., 1])
+    estimate = np.clip(corrected(strength, y, "spearman"), bounds[..., 0], bounds[..., 1])
     between = (of_x[..., :1, :] * of_x[..., 1:, :]).sum(axis=-1) * sign[..., :1] * sign[..., 1:]
     together = correlation_of_correlations(strength[..., :1], strength[..., 1:], between)
     return difference(
