@@ -41,6 +41,8 @@ def as_requirements(raw: Mapping[str, Any], path: Path) -> dict[str, Any]:
     search, curves = _search_of(raw), (raw.get("surrogate") or {}).get("curves")
     shared = {key: search[key] for key in ("vehicle", "keep_out", "requirements") if key in search}
     content: dict[str, Any] = {"placements": {path.stem: rig_of(raw)}} | shared
+    if raw.get("site") is not None:
+        content |= {key: raw[key] for key in ("site", "scene") if key in raw}
     return content | ({"curves": curves} if curves else {})
 
 

@@ -36,6 +36,7 @@ class Vehicle:
     name: str
     boxes: NDArray[np.float64]
     mesh: Mesh | None = None
+    interior_name = "the vehicle"
 
     def __post_init__(self) -> None:
         boxes = np.array(self.boxes, np.float64)
@@ -95,6 +96,12 @@ class Vehicle:
         """The boxes with volume, their faces moved inwards by a nanometre; shape (m, 2, 3)."""
         shrunk = self.boxes + np.array([[_HAIR], [-_HAIR]])
         return np.asarray(shrunk[(shrunk[:, 0] < shrunk[:, 1]).all(axis=1)])
+
+    def in_mesh(self, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which of places (P, 3) the surface goes around."""
+        return (
+            np.zeros(len(places), np.bool_) if self.mesh is None else depths(self.mesh, places) > 0
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +163,7 @@ def voxels_in_body(vehicle: Vehicle, roi: Roi) -> NDArray[np.bool_]:
         within = near(*vehicle.extents[-1])
         centres_within = [c[along] for c, along in zip(centres, within, strict=True)]
         places = np.stack(np.meshgrid(*centres_within, indexing="ij"), axis=-1)
-        solid = depths(vehicle.mesh, places.reshape(-1, 3)) > 0
+        solid = vehicle.in_mesh(places.reshape(-1, 3))
         inside[np.ix_(*within)] |= solid.reshape(places.shape[:3])
     inside.flags.writeable = False  # shared by all callers
     return inside

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lidarplace.base.errors import InputError
 from lidarplace.base.roi import Interval
-from lidarplace.mounting.mesh import depths, distances
+from lidarplace.mounting.mesh import distances
 from lidarplace.mounting.slices import meets_slices, slices_of
 from lidarplace.mounting.vehicle import Vehicle
 
@@ -146,7 +146,7 @@ def in_the_way(
         met[free] = meets_slices(points[free], 0.5 * size[0], 0.5 * size[1], heading, *slices)
         free = np.flatnonzero(~met)
         middles = np.column_stack([points[free], np.full(len(free), 0.5 * size[2])])
-        met[free] = depths(vehicle.mesh, middles) > 0  # all of it is inside
+        met[free] = vehicle.in_mesh(middles)  # all of it is inside
     return met
 
 

@@ -130,7 +130,8 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
     boxes = _outside(vehicle, boxes, placed, points)
     free = ~np.isnan(boxes[:, :, 0]).all(axis=0)
     if not free.any():
-        raise InputError("the object is inside the vehicle at each position", key="where")
+        problem = f"the object is inside {vehicle.interior_name} at each position"
+        raise InputError(problem, key="where")
     held = positions.held.copy()
     held[held] = free
     boxes = boxes[:, free]
@@ -166,5 +167,5 @@ def _columns(requirement: Requirement, vehicle: Vehicle) -> RequirementLayout:
     if not held.any():
         raise InputError("is empty: no place is within all of its limits", key="where")
     if voxels_in_body(vehicle, roi)[held].all():
-        raise InputError("is inside the vehicle", key="where")
+        raise InputError(f"is inside {vehicle.interior_name}", key="where")
     return RequirementLayout(requirement, vehicle, Positions(x, y, held), np.empty((0, 0, 7)), roi)

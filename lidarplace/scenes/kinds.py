@@ -104,7 +104,7 @@ def obstacles_around(scene: Scene, site: Site) -> Obstacles:
     buildings = scene.read().buildings
     if site.scene is not None:
         buildings = buildings[buildings["scene"] == site.scene]
-    pose = (site.x or 0.0, site.y or 0.0, math.radians(site.yaw_deg))
+    pose = (*site.origin, math.radians(site.yaw_deg))
     walls = buildings[list(GEOMETRY)].to_numpy(np.float64)
     return Obstacles.around(pose, walls, np.empty((0, 5)))
 

@@ -29,9 +29,12 @@ from lidarplace.logs.boxes import (
     full_poses,
     geometry_of,
 )
+from lidarplace.mounting.mesh import Mesh
+from lidarplace.mounting.trailer import FACES
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone, grid
 from lidarplace.rigs.placement import Placement
+from lidarplace.viewing.solids import corners
 
 POLE = Range(0.0, 15.0)
 """Height of a LiDAR on a pole or a gantry, metres."""
@@ -68,6 +71,13 @@ class Site(Settings):
         if (self.x is None) != (self.y is None):
             raise InputError("x and y belong together", key="y" if self.y is None else "x")
         return self
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Place in the world of a log, metres. Raises ValueError: x and y are missing."""
+        if self.x is None or self.y is None:
+            raise InputError("missing", key="site.x", expected="x and y in the world of the log")
+        return self.x, self.y
 
 
 class SiteOrVehicle(Settings):
@@ -157,12 +167,31 @@ class Poles(Vehicle):
     Attributes:
         around: buildings and lanes, which pictures show."""
 
-    around: Obstacles = field(kw_only=True)
+    around: Obstacles = field(kw_only=True, compare=False)
+    interior_name = "a building"
 
     @property
     def body(self) -> Vehicle:
         """Nothing."""
         return Vehicle(self.name, np.empty((0, 2, 3)))
+
+    @property
+    def with_walls(self) -> Poles:
+        """The same with the buildings as a surface, which stops rays and holds no object."""
+        if not len(buildings := self.around.buildings):
+            return self
+        faces = 8 * np.arange(len(buildings))[:, None, None] + FACES
+        walls = Mesh(corners(buildings).reshape(-1, 3), faces.reshape(-1, 3))
+        return replace(self, mesh=walls)
+
+    def in_mesh(self, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which of places (P, 3) are inside of a building."""
+        inside = np.zeros(len(places), np.bool_)
+        for building in self.around.buildings:
+            x, y, z = (places - building[:3]).T
+            at = np.column_stack([_in_frame(building[6], x, y), z])
+            inside |= (np.abs(at) < 0.5 * building[3:6]).all(axis=1)
+        return inside
 
 
 def _holds(rectangles: NDArray[np.float64], scale: float, x: float, y: float) -> NDArray[np.bool_]:
@@ -185,13 +214,13 @@ def seen_from(log: BoxLog, site: Site) -> BoxLog:
     real points and the recorded rig are left out, as they are of the vehicle.
 
     Raises ValueError as `near` does, and if no frame is."""
-    frames = log.frames[near(log.frames, site)]
-    if frames.empty or site.x is None or site.y is None:
+    frames, (x0, y0) = log.frames[near(log.frames, site)], site.origin
+    if frames.empty:
         where = f"within {site.within:g} m of the site"
         raise InputError(f"no frame with the recording vehicle {where}", key="site")
     poses = full_poses(frames)
     turns = np.array([turn for turn, _ in poses.values()])
-    places = np.array([place for _, place in poses.values()]) - [site.x, site.y, 0.0]
+    places = np.array([place for _, place in poses.values()]) - [x0, y0, 0.0]
     places[:, 2] -= (ground := places[np.hypot(*places[:, :2].T).argmin(), 2])
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])].drop(
         columns=count_columns(log.boxes)
@@ -208,11 +237,7 @@ def seen_from(log: BoxLog, site: Site) -> BoxLog:
     size = boxes[list(SIZE)].to_numpy(np.float64)
     centre = np.column_stack([_in_frame(yaw, x, y), z])
     still = dict(
-        zip(
-            (*POSE_COLUMNS, *FULL_POSE_COLUMNS),
-            (site.x, site.y, yaw, ground, 0.0, 0.0),
-            strict=True,
-        )
+        zip((*POSE_COLUMNS, *FULL_POSE_COLUMNS), (x0, y0, yaw, ground, 0.0, 0.0), strict=True)
     )
     return replace(
         log,
@@ -227,12 +252,11 @@ def near(frames: pd.DataFrame, site: Site) -> NDArray[np.bool_]:
 
     Frames without a pose, and of another scene, are not. Raises ValueError: poses, or x and y of
     the site, are missing."""
-    if site.x is None or site.y is None:
-        raise InputError("missing", key="site.x", expected="x and y in the world of the log")
+    x, y = site.origin
     if missing := [name for name in POSE_COLUMNS if name not in frames.columns]:
         wrong = "missing column; a site needs the pose of the recording vehicle"
         raise InputError(wrong, place="frames", key=", ".join(missing))
-    away = np.hypot(frames["ego_x"] - site.x, frames["ego_y"] - site.y)
+    away = np.hypot(frames["ego_x"] - x, frames["ego_y"] - y)
     is_near = (away <= site.within) & frames["ego_yaw"].notna()
     of_scene = (site.scene is None) | (frames["scene"] == site.scene)
     return np.asarray(is_near & of_scene, bool)

@@ -37,7 +37,7 @@ from lidarplace.recall.detection_curve import default_curves
 from lidarplace.requirements.layout import RequirementLayout, lay_out
 from lidarplace.requirements.settings import Requirements
 from lidarplace.scenes.kerbs import with_strips
-from lidarplace.scenes.kinds import Scene, obstacles_around
+from lidarplace.scenes.kinds import Scene, obstacles_around, poles_at
 from lidarplace.scenes.site import Obstacles, Site, SiteOrVehicle
 from lidarplace.studio.log_frames import simulated_scene
 from lidarplace.studio.rig import Rig
@@ -201,12 +201,20 @@ class RigsFile:
         return None if self.carrier_settings is None else self.body
 
     @cached_property
+    def hiding(self) -> Vehicle:
+        """What hides objects of requirements: the body, at a site the buildings."""
+        with at(self.path):
+            if self.site is None:
+                return self.body
+            return poles_at(self.scene, self.site, self.body).with_walls
+
+    @cached_property
     def layouts(self) -> tuple[RequirementLayout, ...]:
-        """Requirements, laid out around the body. Raises ValueError if one cannot be."""
+        """Requirements, laid out around what hides objects. Raises ValueError if one cannot be."""
         layouts, curves = [], default_curves()
         for settings in self.settings.requirements:
             with at(self.path), at(f"requirements {settings.name!r}"):
-                layouts.append(lay_out(settings.requirement(self.body, curves), self.body))
+                layouts.append(lay_out(settings.requirement(self.hiding, curves), self.hiding))
         return tuple(layouts)
 
     def text_with(self, rigs: Sequence[Rig]) -> str:

@@ -254,4 +254,4 @@ def requirement_results(
         return []
     left_out = inapplicable(rig, file)
     applicable = [layout for layout in layouts if layout.requirement.name not in left_out]
-    return check_requirements(applicable, placement, file.body, rig.sensors)
+    return check_requirements(applicable, placement, file.hiding, rig.sensors)

@@ -63,7 +63,7 @@ def requirements(
             print_warnings(console, [STILL_WORLD], "")
         rigs = track(check.rigs, "rigs", console=console, disable=not console.is_terminal)
         outcomes = [
-            check_requirements(check.layouts, rig, check.vehicle, further)
+            check_requirements(check.layouts, rig, check.layouts[0].vehicle, further)
             for rig, further in zip(rigs, check.further, strict=True)
         ]
         names = (rig.name for rig in check.rigs)
@@ -137,7 +137,7 @@ def _picture(check: RequirementsCheck) -> Section:
 
     pictured = {rig.name: PicturedRig.of(rig.mounts) for rig in check.rigs}
     placements = {rig.name: rig for rig in check.rigs}
-    pictured = with_grounds(pictured, placements, check.vehicle, CLASSES)
+    pictured = with_grounds(pictured, placements, check.layouts[0].vehicle, CLASSES)
     notes = [axes_and_posts(check.vehicle), ground_note(pictured)]
     return Section("The rigs", notes, [rig_picture(pictured, check.vehicle)], columns=2)
 
@@ -147,7 +147,7 @@ def _sections(
 ) -> Iterator[Section]:
     from lidarplace.mounting.outline import outline
     from lidarplace.requirements.tables import Ground
-    from tracking.pages.requirements import ALONE, COLOURS, counted, requirement_map, verdict_table
+    from tracking.pages.requirements import COLOURS, alone, counted, requirement_map, verdict_table
     from tracking.pages.section import Section
 
     rigs = {rig.name: rig for rig in check.rigs}
@@ -155,7 +155,11 @@ def _sections(
         (result.rig, result.requirement.name): result for of_rig in outcomes for result in of_rig
     }
     pictured = worst.sort_values("met", kind="stable").head(MOST_FIGURES)
-    first = Section("Requirements", [counted(worst), ALONE], tables=[verdict_table(worst, ["rig"])])
+    first = Section(
+        "Requirements",
+        [counted(worst), alone(check.vehicle)],
+        tables=[verdict_table(worst, ["rig"])],
+    )
     if len(pictured) < len(worst):
         first.notes.append(f"Pictures of {len(pictured)} of them, those that fail first.")
     first.notes += [COLOURS] if len(pictured) else []

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.number_text import point
@@ -20,7 +20,7 @@ from lidarplace.configuration.placement import (
     read_placement_settings,
 )
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.configuration.settings import FilePath, Name, Settings, short_for
+from lidarplace.configuration.settings import FilePath, Name, short_for
 from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
 from lidarplace.mounting.common_view import check_pairs
 from lidarplace.mounting.vehicle import Vehicle, depth_in
@@ -30,18 +30,27 @@ from lidarplace.requirements.requirement import KIND_OF, dead_sets
 from lidarplace.requirements.settings import Requirements, RequirementSettings
 from lidarplace.rigs.further_sensors import MountedSensor
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.scenes.kinds import Scene, obstacles_around, poles_at
+from lidarplace.scenes.site import Site, SiteOrVehicle
+from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.file import ConfigError, read_yaml
 from sweeps.configuration.file import check as check_file
 from sweeps.configuration.rigs import check_names
 
 
-class RequirementsFile(Settings):
-    """A file of `lidarplace requirements`: rigs, their vehicle, and what has to be seen."""
+class RequirementsFile(SiteOrVehicle):
+    """A file of `lidarplace requirements`: rigs, their vehicle or site, and what has to be seen."""
 
     lidar: Annotated[SensorSettings, short_for("name")] = Field(
         SensorSettings(), description="the LiDARs, unless a mount has its own"
     )
     vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
+    site: Site | None = Field(
+        None, description="LiDARs on poles beside the road instead of a vehicle, as in a sweep"
+    )
+    scene: Scene = Field(
+        SumoScene(), description="traffic around the site; its lanes and buildings count"
+    )
     keep_out: KeepOuts = Field(default={})
     placements: dict[Name, PlacementSettings] = Field(
         default={}, description="own placements by name"
@@ -58,6 +67,12 @@ class RequirementsFile(Settings):
     )
     requirements: Requirements = Field(min_length=1, description="what has to be seen")
 
+    @model_validator(mode="after")
+    def _scene_of_a_site(self) -> Self:
+        if self.site is None and "scene" in self.model_fields_set:
+            raise InputError("is of a site", key="scene", fix="set site, or remove scene")
+        return self
+
 
 @dataclass(frozen=True)
 class RequirementsCheck:
@@ -65,8 +80,8 @@ class RequirementsCheck:
 
     Attributes:
         rigs: of different names.
-        vehicle: that carries them, with everything kept out.
-        layouts: the requirements, laid out around it.
+        vehicle: that carries them, with everything kept out; or the poles of a site.
+        layouts: the requirements, laid out around it, at a site with the walls of buildings.
         further: cameras and radars of each rig."""
 
     rigs: tuple[Placement, ...]
@@ -88,10 +103,21 @@ def read_requirements_check(path: Path, overrides: Sequence[str] = ()) -> Requir
         for rig, others in zip(rigs, further, strict=True):
             check_rig_fits(rig, body, file.requirements, others)
             _check_kept_out(rig, file.keep_out)
-        vehicle = vehicle_of(carrier_of(file.vehicle, file.keep_out))
-        return RequirementsCheck(
-            rigs, vehicle, lay_out_requirements(file.requirements, vehicle, curves), further
-        )
+        vehicle = hiding = vehicle_of(carrier_of(file.vehicle, file.keep_out))
+        if file.site is not None:
+            _check_poles(rigs, file.scene, file.site)
+            vehicle = poles_at(file.scene, file.site, vehicle)
+            hiding = vehicle.with_walls
+        layouts = lay_out_requirements(file.requirements, hiding, curves)
+        return RequirementsCheck(rigs, vehicle, layouts, further)
+
+
+def _check_poles(rigs: Sequence[Placement], scene: Scene, site: Site) -> None:
+    """Raise ValueError for a LiDAR in a building, on a lane, or too high, and without a site."""
+    around = obstacles_around(scene, site)
+    with at(key="rigs"):
+        for rig in rigs:
+            around.check(rig)
 
 
 def lay_out_requirements(

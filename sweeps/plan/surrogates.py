@@ -13,6 +13,8 @@ from lidarplace.configuration.vehicle import VehicleSettings, vehicle_of
 from lidarplace.mounting.errors import fleet
 from lidarplace.pog.surrogates.table import ASKED_OF_POG, OBJECT_SURROGATES, POG_SURROGATES
 from lidarplace.requirements.layout import RequirementLayout
+from lidarplace.scenes.kinds import Scene, poles_at
+from lidarplace.scenes.site import Site
 from sweeps.configuration.grid import GridPoint
 from sweeps.configuration.requirements_file import check_rig_fits, lay_out_requirements
 from sweeps.plan import named_files
@@ -82,17 +84,26 @@ def plan_recall(
 def layout_of(planning: Planning, grid_point: GridPoint) -> tuple[RequirementLayout, ...]:
     """Return the requirements of the sweep, laid out around the vehicle of a point."""
     point = grid_point.point
-    return planning.once(_lay_out, planning, point.surrogate.curves, point.vehicle)
+    scene = None if point.site is None else point.scene
+    curves = point.surrogate.curves
+    return planning.once(_lay_out, planning, curves, point.vehicle, point.site, scene)
 
 
 def _lay_out(
-    planning: Planning, curves: Path | None, vehicle: VehicleSettings | None
+    planning: Planning,
+    curves: Path | None,
+    vehicle: VehicleSettings | None,
+    site: Site | None,
+    scene: Scene | None,
 ) -> tuple[RequirementLayout, ...]:
     requirements = planning.sweep.common.requirements
     if not requirements:
         return ()
     known_curves = planning.once(named_files.curves_of, curves, ())
-    return lay_out_requirements(requirements, vehicle_of(vehicle), known_curves)
+    carrier = vehicle_of(vehicle)
+    if site is not None and scene is not None:
+        carrier = poles_at(scene, site, carrier).with_walls
+    return lay_out_requirements(requirements, carrier, known_curves)
 
 
 def plan_requirements(planning: Planning, grid_point: GridPoint) -> Task[RequirementsStage] | None:
@@ -100,7 +111,7 @@ def plan_requirements(planning: Planning, grid_point: GridPoint) -> Task[Require
     layout, common = layout_of(planning, grid_point), planning.sweep.common
     if not layout:
         return None
-    vehicle = vehicle_of(grid_point.point.vehicle)
+    vehicle = layout[0].vehicle
     with at(key="requirements"):
         settings = common.placements.get(grid_point.point.placement)
         further = () if settings is None else settings.further()

@@ -15,15 +15,16 @@ from lidarplace.requirements.tables import Ground, verdict
 from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.site_lines import site_from_above
 from tracking.figures.kit.style import TOLD, figure, lidar_markers, text
-from tracking.figures.kit.vehicle_lines import VEHICLE_OUTLINE, axes_from_above, map_height
+from tracking.figures.kit.vehicle_lines import (
+    VEHICLE_OUTLINE,
+    axes_from_above,
+    has_body,
+    map_height,
+)
 from tracking.labels import digits
 from tracking.pages.section import Column, Section, Table, words
 from tracking.run_folders.arrays import Grounds
 
-ALONE = (
-    "Each position has a single object on level ground, at its worst heading. Only the body of the "
-    "vehicle occludes it, and the other LiDARs if their size is known."
-)
 COLOURS = (
     "The value at each position, in the worst case, relative to the requirement: orange is "
     "too little, blue is enough. The cross is the worst place; diamonds are LiDARs."
@@ -32,6 +33,17 @@ MOST_DRAWN = 12
 _ENOUGH = 0.5
 _COLOURS = ((0.0, "#7a2b00"), (_ENOUGH, "#f0a070"), (_ENOUGH, "#a8d4f0"), (1.0, "#15619f"))
 """Colours of the share of the need: orange is too little, darker the less; blue is enough."""
+
+
+def alone(vehicle: Vehicle | None) -> str:
+    """Explain what stands at each position, and what occludes it."""
+    hides = "the body of the vehicle occludes"
+    if not has_body(vehicle):
+        hides = "buildings and keep-outs occlude"
+    return (
+        f"Each position has a single object on level ground, at its worst heading. Only {hides} "
+        "it, and the other LiDARs if their size is known."
+    )
 
 
 def counted(worst: pd.DataFrame) -> str:

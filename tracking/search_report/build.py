@@ -13,7 +13,7 @@ from tracking.figures.kit.rig_picture import PicturedRig, axes_and_posts, rig_pi
 from tracking.figures.kit.vehicle_lines import has_body, name_of
 from tracking.labels import DASH, digits, number
 from tracking.pages.html_page import write_page
-from tracking.pages.requirements import ALONE, counted, draw_verdicts, verdict_table
+from tracking.pages.requirements import alone, counted, draw_verdicts, verdict_table
 from tracking.pages.section import MOST_ROWS, Section, Table
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig
@@ -109,7 +109,7 @@ def _picture(run: SearchFolder) -> Section:
     pictured = {
         name: PicturedRig.in_zones(rig.placed, rig.models, rig.zones) for name, rig in menu.items()
     }
-    pictured = with_grounds_of_folder(pictured, run.path, run.search.classes)
+    pictured = with_grounds_of_folder(pictured, run.path, run.search.classes, run.search.body)
     notes = [
         f"Choose a rig in the menu: {named}. {axes_and_posts(run.search.body)}",
         ground_note(pictured),
@@ -199,7 +199,9 @@ def _requirements(run: SearchFolder) -> Section | None:
         return None
     worst = worst_cases(cases, ["rig"])
     table = verdict_table(worst, ["rig"]).first(MOST_ROWS)
-    section = Section("Requirements", [counted(worst), ALONE], tables=[table], folded=True)
+    section = Section(
+        "Requirements", [counted(worst), alone(search.body)], tables=[table], folded=True
+    )
     mounts = {name: rig.placed for name, rig in search.rigs.items()}
     order = dict.fromkeys([*_best(run), *worst["rig"]])
     draw_verdicts(section, worst, "rig", order, mounts, run.grounds, search.body)

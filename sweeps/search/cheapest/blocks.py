@@ -114,7 +114,7 @@ def blocks_of(lidars: Sequence[MountedLidar], criteria: Criteria) -> list[Block]
     layouts = list(filter(_adds_up, carrier.requirements))
     for lidar in lidars:
         rig = placement_of((lidar,), carrier.models)
-        for key, values in _of_one(rig, layouts, carrier.vehicle):
+        for key, values in _of_one(rig, layouts, carrier.hiding):
             by_case.setdefault(key, []).append(values)
         size = len(lidars) * sum(values[0].nbytes for values in by_case.values())
         if size > _MOST_BYTES:
@@ -171,7 +171,7 @@ def _block(
     fits = ~np.isnan(layout.boxes_in(pose)[:, :, 0])
     objects, areas, needed = np.nonzero(fits)[1], np.ones(fits.shape[1]), wanted.least
     if layout.roi is not None:
-        inside = voxels_in_body(carrier.vehicle.poses[pose], layout.roi)[layout.positions.held]
+        inside = voxels_in_body(carrier.hiding.poses[pose], layout.roi)[layout.positions.held]
         objects, areas, needed = np.zeros(1, int), np.ones(1), needed * float((~inside).sum())
     elif wanted.share < 1:  # as much as may fail at positions that are then refined
         areas = layout.areas_in(pose)

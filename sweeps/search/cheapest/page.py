@@ -19,7 +19,7 @@ from tracking.figures.kit.rig_picture import PicturedRig, axes_and_posts, rig_pi
 from tracking.figures.kit.style import OUTLINE, colour, figure, legend_below
 from tracking.labels import digits
 from tracking.pages.html_page import write_page
-from tracking.pages.requirements import ALONE, draw_verdicts, verdict_table
+from tracking.pages.requirements import alone, draw_verdicts, verdict_table
 from tracking.pages.section import Section, Table
 from tracking.run_folders.arrays import Grounds
 from tracking.run_folders.search_json import Command
@@ -109,7 +109,7 @@ def _picture(answer: CheapestAnswer, folder: Path) -> Section:
         for name, rig in rigs.items()
     }
     vehicle, zones = answer.problem.criteria.carrier.vehicle, zones_of(answer.problem.space)
-    pictured = with_grounds_of_folder(pictured, folder, answer.problem.file.classes)
+    pictured = with_grounds_of_folder(pictured, folder, answer.problem.file.classes, vehicle)
     picture = rig_picture(pictured, vehicle, zones)
     notes = [axes_and_posts(vehicle), ground_note(pictured)]
     return Section("The rig", [*filter(None, notes)], [picture], place="picture")
@@ -184,7 +184,7 @@ def _requirements(answer: CheapestAnswer) -> Section | None:
         return None
     outcomes, carrier = answer.check.outcomes, answer.problem.criteria.carrier
     table = verdict_table(answer.worst, [])
-    section = Section("Requirements", [ALONE], tables=[table])
+    section = Section("Requirements", [alone(carrier.vehicle)], tables=[table])
     names = [result.requirement.name for result in outcomes]
     grounds = {answer.name: [Ground.of(result) for result in outcomes]}
     every = Grounds.of(outline(carrier.vehicle), names, grounds)

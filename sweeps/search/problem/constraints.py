@@ -151,6 +151,11 @@ class Carrier:
             {t: math.fsum(getattr(sensor, t) or 0.0 for sensor in further) for t in TOTALS},
         )
 
+    @property
+    def hiding(self) -> Vehicle:
+        """What hides objects of requirements: the vehicle, at a site the buildings."""
+        return self.requirements[0].vehicle if self.requirements else self.vehicle
+
     def total_of(self, total: str, rig: Rig) -> float:
         """Return price or power of all sensors, with the price of mounts in zones."""
         mounts = self.mount_prices if total == "price" else {}
@@ -160,7 +165,7 @@ class Carrier:
     def requirement_results(self, rig: Rig, name: str = "rig") -> list[RequirementResult]:
         """Check every requirement under a rig."""
         placement = placement_of(rig, self.models, name)
-        return check_requirements(self.requirements, placement, self.vehicle, self.further)
+        return check_requirements(self.requirements, placement, self.hiding, self.further)
 
 
 def _of_requirements(rig: Rig, carrier: Carrier) -> dict[str, float]:

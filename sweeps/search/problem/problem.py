@@ -23,6 +23,7 @@ from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from lidarplace.recall.detection_curve import default_curves, read_curves
 from lidarplace.requirements.layout import RequirementLayout
 from lidarplace.scenes.kinds import obstacles_around
+from lidarplace.scenes.site import Poles
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.file import ConfigError, check, read_named, reading
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_overlaps
@@ -301,7 +302,9 @@ def _laid(
             check_dead_sensors(requirement, [*["lidar"] * most_lidars, *further])
     with reading("surrogate.curves"):
         curves = default_curves() if curves_file is None else read_curves(curves_file)
-    return lay_out_requirements(requirements, vehicle_in(file), curves, "search.requirements")
+    vehicle = vehicle_in(file)
+    hiding = vehicle.with_walls if isinstance(vehicle, Poles) else vehicle
+    return lay_out_requirements(requirements, hiding, curves, "search.requirements")
 
 
 def _check_keys(file: SearchFile, source: Mapping[str, Any]) -> None:

@@ -11,6 +11,7 @@ from lidarplace.clouds.own_body import sedan
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.recall_ground import HARDEST, RecallGround, recall_ground
 from lidarplace.rigs.placement import Placement
+from lidarplace.scenes.site import Poles
 from lidarplace.studio.rigs_file import read_rigs
 from tracking.figures.kit.rig_picture import PicturedRig
 from tracking.findings.failures import Failures
@@ -45,15 +46,18 @@ def with_grounds(
 
 
 def with_grounds_of_folder(
-    rigs: Mapping[str, PicturedRig], folder: Path, classes: Collection[str]
+    rigs: Mapping[str, PicturedRig], folder: Path, classes: Collection[str], body: Vehicle | None
 ) -> dict[str, PicturedRig]:
-    """Add grounds to rigs of a run folder's `FILE`; without the file, they stay as they are."""
+    """Add grounds to rigs of a run folder's `FILE`; without the file, they stay as they are.
+
+    `body` is drawn; that of the file hides the ground, at a site the buildings."""
     if not (folder / FILE).exists():
         return dict(rigs)
     read = read_rigs(folder / FILE)
     placements = {rig.name: rig.placement(read.lidar) for rig in read.rigs}
     with_lidars = {name: rig for name, rig in placements.items() if rig is not None}
-    return with_grounds(rigs, with_lidars, read.carrier or sedan(), classes)
+    hiding = body.with_walls if isinstance(body, Poles) else read.carrier or sedan()
+    return with_grounds(rigs, with_lidars, hiding, classes)
 
 
 def detected_grounds(failures: Failures) -> dict[str, RecallGround]:

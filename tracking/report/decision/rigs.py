@@ -46,7 +46,7 @@ def picture_section(recommended: Recommendation, pair: Failures | None) -> Secti
         name: PicturedRig.of(run.placements[name], [_model_words(m) for m in lidars.get(name, ())])
         for name in recommended.drawn
     }
-    rigs = with_grounds_of_folder(rigs, run.path, run.sweep.classes)
+    rigs = with_grounds_of_folder(rigs, run.path, run.sweep.classes, run.sweep.body)
     if pair is not None:
         for name, ground in detected_grounds(pair).items():
             rigs[name] = replace(rigs[name], detected=ground)

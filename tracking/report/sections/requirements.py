@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from lidarplace.requirements.tables import worst_cases
 from tracking.findings.groups import pictured, worst_requirements
-from tracking.pages.requirements import ALONE, counted, draw_verdicts, in_short, verdict_table
+from tracking.pages.requirements import alone, counted, draw_verdicts, in_short, verdict_table
 from tracking.pages.section import MOST_ROWS, Section, Table
 from tracking.report.analysis import Analysis
 from tracking.run_folders.sweep import RunFolder
@@ -18,7 +18,7 @@ def requirements_section(analysis: Analysis) -> Section | None:
     rig = ["placement", *(axis for axis in run.axes if axis in cases.columns)]
     worst = worst_cases(cases, rig)
     table = verdict_table(worst, rig, name="requirements", data=cases)
-    section = Section("Requirements", [counted(worst), ALONE], folded=True)
+    section = Section("Requirements", [counted(worst), alone(run.sweep.body)], folded=True)
     section.tables = [table.first(MOST_ROWS)]
     _draw(section, run, analysis.order)
     return section
