@@ -9,10 +9,10 @@ _STEPS = 200
 """Number of places along the first axis at which the ends of a mesh are computed."""
 
 
-def outline(vehicle: Vehicle) -> NDArray[np.float64]:
-    """Return `closed_lines` from above as one, a row of NaN behind each of them, shape (n, 2)."""
+def outline(vehicle: Vehicle, axes: tuple[int, int] = (0, 1)) -> NDArray[np.float64]:
+    """Return `closed_lines` as one, a row of NaN behind each of them, shape (n, 2)."""
     gap = np.full((1, 2), np.nan)
-    lines = closed_lines(vehicle, (0, 1))
+    lines = closed_lines(vehicle, axes)
     return np.concatenate([np.empty((0, 2)), *(part for line in lines for part in (line, gap))])
 
 
