@@ -9,6 +9,7 @@ import atexit
 import gc
 import multiprocessing
 import os
+import socket
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -127,3 +128,9 @@ def _run(
     else:
         sys.argv[1:] = command[1:]
         main(command[0])
+
+
+def free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])

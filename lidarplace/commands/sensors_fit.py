@@ -231,7 +231,7 @@ def _rows(scan: ScanFit, sheet: Datasheet | None) -> Iterator[tuple[str, str, st
     stated = None if sheet is None else np.array(sheet.elevations_deg)
     rate = "–" if scan.rate is None else f"{scan.rate:.1f}"
     yield "beams", str(len(degrees)), "" if stated is None else str(len(stated))
-    yield "elevation, degrees", _ends(degrees), "" if stated is None else _ends(stated)
+    yield "elevation, degrees", ends(degrees), "" if stated is None else ends(stated)
     yield "laser offsets, m", _blocks(scan.offsets), _blocks(sheet.offsets_m if sheet else None)
     yield "rays start at, m", " ".join(f"{value:.2f}" for value in scan.origin), ""
     yield "azimuth steps", f"{scan.azimuth_steps:,}", f"{sheet.azimuth_steps:,}" if sheet else ""
@@ -241,8 +241,9 @@ def _rows(scan: ScanFit, sheet: Datasheet | None) -> Iterator[tuple[str, str, st
     yield "returns, %", f"{100 * scan.share:.0f}", ""
 
 
-def _ends(degrees: Any) -> str:
-    return f"{degrees.min():.2f} to {degrees.max():.2f}"
+def ends(values: Any) -> str:
+    """Write the least and the greatest of several values."""
+    return f"{values.min():.2f} to {values.max():.2f}"
 
 
 def _blocks(offsets: Sequence[float] | None) -> str:

@@ -10,6 +10,7 @@ import yaml
 
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import checked_input
+from lidarplace.commands.sensors_fit import ends
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import validated
 from lidarplace.files.atomic import write_text
@@ -99,7 +100,7 @@ def _rows(lidar: MakerFile, sheet: Datasheet) -> Iterator[tuple[str, str, str]]:
     stated = np.array(sheet.elevations_deg)
     yield "model", lidar.model or "–", f"{sheet.maker} {sheet.model}"
     yield "beams", str(len(lidar.elevations_deg)), str(len(stated))
-    yield "elevation, degrees", _ends(lidar.elevations_deg), _ends(stated)
+    yield "elevation, degrees", ends(lidar.elevations_deg), ends(stated)
     if len(stated) == len(lidar.elevations_deg):
         differences = np.abs(lidar.elevations_deg - stated)
         yield (
@@ -107,18 +108,14 @@ def _rows(lidar: MakerFile, sheet: Datasheet) -> Iterator[tuple[str, str, str]]:
             f"{np.median(differences):.3f}, at most {differences.max():.3f}",
             "",
         )
-    yield "azimuth offsets, degrees", _ends(lidar.azimuth_offsets_deg), "–"
+    yield "azimuth offsets, degrees", ends(lidar.azimuth_offsets_deg), "–"
     offsets, of_sheet = lidar.offsets_m, sheet.offsets_m
     yield (
         "laser offsets, m",
-        "–" if offsets is None else _ends(offsets),
-        "–" if of_sheet is None else _ends(np.array(of_sheet)),
+        "–" if offsets is None else ends(offsets),
+        "–" if of_sheet is None else ends(np.array(of_sheet)),
     )
     steps = "–" if lidar.azimuth_steps is None else f"{lidar.azimuth_steps:,}"
     yield "azimuth steps", steps, f"{sheet.azimuth_steps:,}"
     yield "rate, Hz", "–" if lidar.rate_hz is None else f"{lidar.rate_hz:g}", str(FRAMES_PER_S)
     yield "range, m", "–", f"{sheet.range:g}"
-
-
-def _ends(values: Any) -> str:
-    return f"{values.min():.2f} to {values.max():.2f}"

@@ -22,7 +22,6 @@ from lidarplace.configuration.settings import (
     CountFromOne,
     Distance,
     FilePath,
-    Length,
     Name,
     Probability,
     Seed,
@@ -34,6 +33,7 @@ from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.coverage import Method
 from lidarplace.logs.boxes import CLASSES
 from lidarplace.pog.surrogates.table import ASKED_FOR
+from lidarplace.requirements.settings import Interval
 from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.routes import KEEP_M
@@ -56,20 +56,13 @@ that holds them."""
 class RoiSettings(Settings):
     """Region of interest in the ego frame, metres."""
 
-    x: tuple[Length, Length] = Field((0.0, 40.0), description="from back to front, metres")
-    y: tuple[Length, Length] = Field((-20.0, 20.0), description="from right to left, metres")
-    z: tuple[Length, Length] = Field((0.0, 4.0), description="above the ground, metres")
+    x: Interval = Field((0.0, 40.0), description="from back to front, metres")
+    y: Interval = Field((-20.0, 20.0), description="from right to left, metres")
+    z: Interval = Field((0.0, 4.0), description="above the ground, metres")
 
     fit: Literal["exact", "nearest"] = Field(
         "exact", description="nearest: sides become the nearest whole number of voxels"
     )
-
-    @field_validator("x", "y", "z")
-    @classmethod
-    def _ordered(cls, interval: tuple[float, float]) -> tuple[float, float]:
-        if not interval[0] < interval[1]:
-            raise InputError(expected="[min, max] with min < max")
-        return interval
 
 
 class LidarSettings(SensorSettings):

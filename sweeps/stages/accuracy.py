@@ -39,9 +39,7 @@ class AccuracyStage(VoxelStage[Accuracy]):
     name = "accuracy"
     order = 120
     tables: ClassVar = {"table": "accuracy"}
-
-    def modules(self) -> tuple[str, ...]:
-        return (*super().modules(), *SURROGATES.modules(self.names))
+    plugins: ClassVar = {"names": SURROGATES}
 
     def bytes_per_voxel(self) -> int:
         return 15 + OCCLUSION_BYTES * self.occlusion

@@ -36,9 +36,7 @@ class EvaluateStage(Network[EvaluationResult]):
     order = 20
     ends_trial = True
     tables: ClassVar = EVALUATION_TABLES
-
-    def modules(self) -> tuple[str, ...]:
-        return (*super().modules(), *METRICS.modules(self.metrics))
+    plugins: ClassVar = {"metrics": METRICS}
 
     def run(
         self, weights: TrainedDetector, *inputs: CollectedClouds | GroundTruth

@@ -62,9 +62,7 @@ class MeasureStage(Stage[EvaluationResult]):
     order = 20
     ends_trial = True
     tables: ClassVar = EVALUATION_TABLES
-
-    def modules(self) -> tuple[str, ...]:
-        return (*super().modules(), *METRICS.modules(self.metrics))
+    plugins: ClassVar = {"metrics": METRICS}
 
     def run(self, detected: DetectedFrames, *truths: GroundTruth) -> EvaluationResult:
         objects = pd.concat([truth.objects for truth in truths], ignore_index=True)

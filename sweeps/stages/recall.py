@@ -42,9 +42,7 @@ class RecallStage(Stage[Scores]):
     name = "recall"
     order = 100
     tables: ClassVar = {"table": "surrogates"}
-
-    def modules(self) -> tuple[str, ...]:
-        return (*super().modules(), *SURROGATES.modules(self.names))
+    plugins: ClassVar = {"names": SURROGATES}
 
     def run(self, *logs: BoxLog) -> Scores:
         from lidarplace.recall.baselines import baselines

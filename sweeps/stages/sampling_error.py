@@ -31,9 +31,7 @@ class SamplingErrorStage(VoxelStage[SamplingError]):
     name = "sampling_error"
     order = 130
     tables: ClassVar = {"estimates": "sampling_error", "resamples": "pog_resamples"}
-
-    def modules(self) -> tuple[str, ...]:
-        return (*super().modules(), *SURROGATES.modules(self.names))
+    plugins: ClassVar = {"names": SURROGATES}
 
     def bytes_per_voxel(self) -> int:
         return 36 + 9 * len(self.classes) + OCCLUSION_BYTES * self.occlusion

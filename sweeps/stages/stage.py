@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Generic, get_type_hints
 
 from typing_extensions import TypeVar
 
+from lidarplace.base.registry import Registry
 from lidarplace.base.roi import Roi
 from lidarplace.logs.box_log import BoxLog, join_logs
 
@@ -43,6 +44,7 @@ class Stage(ABC, Generic[R]):
         resumable: whether it is a training, which continues after a stop; its `run` also takes
             `sweeps.stages.train.TrainingRun`.
         tables: fields of the result that are tables of the run folder, field -> name of the table.
+        plugins: fields that name things which may be of plug-ins, field -> where they are.
     """
 
     name: ClassVar[str]
@@ -50,6 +52,7 @@ class Stage(ABC, Generic[R]):
     ends_trial: ClassVar[bool] = False
     resumable: ClassVar[bool] = False
     tables: ClassVar[Mapping[str, str]] = {}
+    plugins: ClassVar[Mapping[str, Registry[Any]]] = {}
 
     @abstractmethod
     def run(self, *inputs: Any, **how: Any) -> R:
@@ -64,7 +67,10 @@ class Stage(ABC, Generic[R]):
 
     def modules(self) -> tuple[str, ...]:
         """List dotted paths of the modules whose code computes the result, with all they import."""
-        return (type(self).__module__,)
+        modules = [type(self).__module__]
+        for field, registry in self.plugins.items():
+            modules += registry.modules(getattr(self, field))
+        return tuple(modules)
 
     @classmethod
     def result(cls) -> type[R]:

@@ -38,9 +38,7 @@ class SurrogatesStage(VoxelStage[Scores]):
     name = "surrogates"
     order = 90
     tables: ClassVar = {"table": "surrogates"}
-
-    def modules(self) -> tuple[str, ...]:
-        return (*super().modules(), *SURROGATES.modules(self.names))
+    plugins: ClassVar = {"names": SURROGATES}
 
     def bytes_per_voxel(self) -> int:
         return 8 + OCCLUSION_BYTES * self.occlusion

@@ -6,13 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarplace.commands.convert import app
 from lidarplace.configuration.yaml import parse_yaml
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import BOX_COLUMNS
 from lidarplace.scenes.label_tables.propose import guess_columns, propose_mapping
 from tests.lidarplace.company_table import Manner, mapping_of, traffic, write_in_manner
-from tests.sweeps.toy import call
+from tests.lidarplace.test_label_tables import convert
 
 
 @settings(max_examples=15)
@@ -185,10 +184,6 @@ def test_separators_and_decimal_commas(tmp_path, separator, decimal):
     convert(labels, tmp_path / "log", "--mapping", guess)
     boxes = pd.read_parquet(tmp_path / "log/boxes.parquet")
     np.testing.assert_allclose(boxes[["x", "y"]], log.boxes[["x", "y"]])
-
-
-def convert(*arguments, code=0):
-    return call(app, "table", *arguments, code=code)
 
 
 def test_a_guess_is_not_overwritten(tmp_path):

@@ -27,16 +27,10 @@ from sweeps.execution.ray_cluster import (
     ray_session,
     set_variables,
 )
-from tests.forked import GUARD_S, run_forked
+from tests.forked import GUARD_S, free_port, run_forked
 from tests.sweeps.small_log import SMALL, write_sweep
 
 ROOT = Path(__file__).parents[2]
-
-
-def free_port() -> int:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])
 
 
 def environment(**more: str) -> dict[str, str]:

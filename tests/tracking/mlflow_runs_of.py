@@ -1,7 +1,6 @@
 """Runs that a tracking server has of a sweep, to compare with those that were logged."""
 
 import os
-import socket
 import time
 import urllib.request
 from collections.abc import Callable, Sequence
@@ -101,12 +100,6 @@ def until(condition: Callable[[], bool]) -> None:
             return
         time.sleep(0.01)
     raise AssertionError("five minutes passed")
-
-
-def free_port() -> int:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])
 
 
 def start_server(store: str, port: int, folder: Path) -> Forked:

@@ -6,9 +6,9 @@ import pytest
 from scipy import stats
 
 from tests.tracking.result_tables import tables
+from tests.tracking.test_reliability import of_means
 from tracking.findings.ceiling import ceiling, ceilings, with_ceilings
 from tracking.findings.correlation import correlate
-from tracking.statistics.reliability import Noise, reliability, seed_mean
 
 
 def world(rng, n, seeds, noise, predictor=1.0):
@@ -16,11 +16,6 @@ def world(rng, n, seeds, noise, predictor=1.0):
     truth = rng.standard_normal(n)
     prediction = predictor * truth + np.sqrt(1 - predictor**2) * rng.standard_normal(n)
     return truth, prediction, truth[:, None] + noise * rng.standard_normal((n, seeds))
-
-
-def of_means(y):
-    noise = Noise.of(y)
-    return reliability(seed_mean(y), noise.of_mean, noise.degrees)
 
 
 @pytest.mark.parametrize("predictor", [1.0, 0.8])

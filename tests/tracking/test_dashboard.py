@@ -10,8 +10,8 @@ import pytest
 import requests
 from typer.testing import CliRunner
 
-from tests.forked import GUARD_S
-from tests.tracking.mlflow_runs_of import free_port, logged, new_store, trial, until
+from tests.forked import GUARD_S, free_port
+from tests.tracking.mlflow_runs_of import logged, new_store, trial, until
 from tracking.dashboard import app
 
 COLUMNS = ["metrics.AP_R40_3D.Car.0.70", "metrics.seconds"]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.forked import free_port
 from tests.tracking import mlflow_runs_of as made
 from tracking.mlflow.uri import sqlite_file
 
@@ -54,7 +55,7 @@ def killed_driver(uri: str, folder: Path, steps: int) -> None:
 
 @contextmanager
 def served(store: str, folder: Path) -> Iterator[str]:
-    port = made.free_port()
+    port = free_port()
     server = made.start_server(store, port, folder)
     try:
         yield f"http://127.0.0.1:{port}"

@@ -9,14 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.tracking.mlflow_runs_of import (
-    assert_logged_once,
-    free_port,
-    logged,
-    logging,
-    trial_of,
-    until,
-)
+from tests.forked import free_port
+from tests.tracking.mlflow_runs_of import assert_logged_once, logged, logging, trial_of, until
 from tracking.mlflow.uri import absolute_uri
 
 PASSWORD = "s3c@ret"

@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.forked import free_port
 from tests.tracking import mlflow_runs_of as made
 
 MORE = range(3, 12)
@@ -14,7 +15,7 @@ def kill(server):
 
 def test_a_server_comes_and_goes_and_gets_everything_once(tmp_path):
     uri = made.new_store(tmp_path / "store")
-    port = made.free_port()
+    port = free_port()
     address = f"http://me:s3cret@127.0.0.1:{port}"
     (report := tmp_path / "report.html").write_text("<p>report</p>")
     lines: list[str] = []

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 from lidarplace.command_line.terminal import say, visible
 from lidarplace.files.atomic import replacing
 from lidarplace.files.tables import write_csv
+from lidarplace.viewing.page import as_json
 from tracking.figures.kit.style import theme
 from tracking.pages.section import Section, Table, figure_title
 
@@ -31,7 +31,7 @@ def write_page(target: Path, template: Path, sections: Sequence[Section], **valu
     Plotly's program is in the page, nothing is loaded from a network. The heaviest figures of a
     page beyond `LARGEST_PAGE` are left out; its `sections`, and a line on stderr, then say which.
     `template` is of jinja, or `SECTIONS_ALONE`; values that it shows are escaped."""
-    drawn = {id(figure): figure_json(figure) for section in sections for figure in section.figures}
+    drawn = {id(figure): as_json(figure) for section in sections for figure in section.figures}
 
     def render() -> bytes:
         page = (
@@ -89,11 +89,6 @@ def _leave_out(
         # The note is in the page too.
         excess += len(section.notes[-1].encode()) + 100 - size
     say(f"{target}: left out to stay below {limit}: {'; '.join(gone)}", sys.stderr)
-
-
-def figure_json(figure: go.Figure) -> str:
-    """Write a figure as JSON in which no text can end the script element around it."""
-    return str(figure.to_json()).replace("<", "\\u003c")
 
 
 def write_csv_files(folder: Path, sections: Sequence[Section]) -> None:

@@ -14,6 +14,7 @@ from lidarplace.base.number_text import percent
 from lidarplace.clouds.points_in_boxes import box_of_points
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.viewing.axes import equal_axes, xyz
+from lidarplace.viewing.page import as_json
 from lidarplace.viewing.scene import CAMERAS
 from lidarplace.viewing.solids import edges, headings
 from lidarplace.viewing.vehicle import vehicle_surface
@@ -21,7 +22,7 @@ from tracking.figures.kit.style import OUTLINE, QUIET, TOLD, text
 from tracking.figures.kit.vehicle_lines import add_lines, vehicle_in_space
 from tracking.findings.failures import Failures
 from tracking.labels import digits
-from tracking.pages.html_page import figure_json, write_page
+from tracking.pages.html_page import write_page
 from tracking.pages.section import Section
 from tracking.run_folders.arrays import FailureFrames
 from tracking.run_folders.sweep import RunFolder
@@ -66,7 +67,7 @@ def write_failures(
         frames=_shown(failures, frames) if frames is not None else [],
         colours={**FOUND, f"detected with seed {failures.seeds[0]}": DETECTION},
         whole=json.dumps(whole),
-        vehicle=figure_json(go.Figure(vehicle_in_space(vehicle), layout={"template": None})),
+        vehicle=as_json(go.Figure(vehicle_in_space(vehicle), layout={"template": None})),
     )
 
 
@@ -103,7 +104,7 @@ def _shown(failures: Failures, frames: FailureFrames) -> list[dict[str, Any]]:
                 "what": f"{at['class']}, {np.hypot(at['x'], at['y']):.0f} m",
                 "fate": "; ".join(fates),
                 "where": f"{at['scene']}, route {at['route']}, frame {at['frame']}",
-                "figures": [figure_json(figure) for figure in figures],
+                "figures": [as_json(figure) for figure in figures],
                 "view": json.dumps(around | {"camera": _CLOSE}),
             }
         )
