@@ -103,7 +103,7 @@ def rigs_yaml(sweep: Sweep) -> str:
         mode="json", include={*SensorSettings.model_fields}, exclude_unset=True
     )
     point = sweep.points[0].point
-    keys = {"vehicle"} if point.site is None else {"site", "scene"}
+    keys = {"vehicle"} if point.site is None else {"vehicle", "site", "scene"}
     carrier = point.model_dump(mode="json", include=keys, exclude_unset=True)
     content = {
         **carrier,

@@ -77,8 +77,10 @@ def test_a_log_is_seen_from_a_site(tmp_path):
 def test_run_folders_have_what_is_around_a_site(tmp_path):
     names = {"resolution": 0.8, "accuracy": False, "sampling_error": False}
     surrogate = {"names": ["covered_entropy"]} | names
-    sweep = read_sweep(write(tmp_path, surrogate=surrogate))
-    around = SweepResult.read(ran(sweep, tmp_path)[-1]).body.around
+    sweep = read_sweep(write(tmp_path, surrogate=surrogate, vehicle={"keep_out": BODY}))
+    folder = ran(sweep, tmp_path)[-1]
+    assert yaml.safe_load((folder / "rigs.yaml").read_text())["vehicle"] == {"keep_out": BODY}
+    around = SweepResult.read(folder).body.around
     whole = obstacles_around(sweep.points[0].point.scene, Site())
     assert 0 < len(around.buildings) < len(whole.buildings)
     assert 0 < len(around.lanes) < len(whole.lanes)

@@ -101,6 +101,9 @@ def test_lanes_and_buildings_around_poles_are_drawn(made_up_run):
         titles = {plot.layout.title.text for section in sections for plot in section.figures}
         assert "vehicle" not in words + str(titles)
         assert "lanes and buildings" in words
+        texts = sections[0].figures[0].select_traces({"type": "scatter3d", "mode": "text"})
+        rings = next(texts)
+        assert (rings.x[0], rings.y[0]) == (0.0, 10.0), "around the origin"
     poles = drawn_vehicle((), None, Surroundings.model_validate(site))
     assert Surroundings.of(poles).model_dump(mode="json") == site
     assert (Surroundings.of(None), Surroundings.of(Vehicle.car())) == (None, None)

@@ -43,9 +43,9 @@ def vehicle_outline(vehicle: Vehicle | None, up: str) -> go.Scatter:
 
 def extent_of(vehicle: Vehicle | None) -> NDArray[np.float64]:
     """Return lowest and highest corner, metres, shape (2, 3); the origin twice for no body."""
-    parts = (vehicle or sedan()).extents
-    if not len(parts):
+    if not has_body(vehicle):
         return np.zeros((2, 3))
+    parts = (vehicle or sedan()).extents
     return np.stack([parts[:, 0].min(axis=0), parts[:, 1].max(axis=0)])
 
 
