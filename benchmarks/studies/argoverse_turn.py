@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.clouds.moving import Motion, cast_moving, part_motion, poses_at
+from lidarplace.clouds.moving import Motion, Scan, cast_moving, part_motion, poses_at
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.logs.box_log import read_box_log
@@ -73,7 +73,7 @@ def counted(data: Path, folder: Path) -> pd.DataFrame:
             for kind, first in zip(KINDS[1:], (start, -0.05), strict=True):
                 moments = (first + share / 10)[None]
                 raised = replace(mount, z=mount.z + UP)
-                hits = cast_moving(raised, lidar, high, moving, moments, ends=ends)
+                hits = cast_moving(raised, lidar, high, moving, Scan.at(moments), ends=ends)
                 (ray,) = np.nonzero(hits.target >= 0)
                 away = hits.range[ray]
                 seen = (away >= lidar.min_range) & (away <= lidar.sight(hits.reflected[ray]))

@@ -16,7 +16,7 @@ from lidarplace.clouds.clouds import Crop, PointClouds, as_kept
 from lidarplace.clouds.droplets import scatter_back
 from lidarplace.clouds.ground import Ground
 from lidarplace.clouds.hashed import key_of
-from lidarplace.clouds.moving import Motion, cast_moving, poses_at
+from lidarplace.clouds.moving import Motion, Scan, cast_moving, poses_at
 from lidarplace.clouds.own_body import body_parts
 from lidarplace.clouds.raycast import Hits
 from lidarplace.clouds.returns import LARGEST_ERROR, CloudPart, sample_points
@@ -236,10 +236,10 @@ class SimulatedClouds:
             ego, phase = scene.motion.ego, timing.phase
             if phase is None:
                 phase = np.random.default_rng(key_of(*key, _PHASE)).uniform(0, 2 * math.pi)
-            moments, poses = _scan(lidar, timing, phase, tuple(ego.tolist()))
+            scan, poses = _scan(lidar, timing, phase, tuple(ego.tolist()))
             if poses is not None:
                 region = _grown(region, timing.half, ego)
-            moving = scene.parts, scene.motion, moments
+            moving = scene.parts, scene.motion, scan
             hits = cast_moving(mount, lidar, *moving, region, into, ends)
         self._hits[lidar.rays] = hits
         return hits, poses
@@ -248,22 +248,22 @@ class SimulatedClouds:
 @lru_cache(maxsize=8)  # equal LiDARs of a rig share it
 def _scan(
     lidar: Lidar, timing: ScanTiming, phase: float, ego: tuple[float, ...]
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+) -> tuple[Scan, NDArray[np.float64] | None]:
     """Return the moments of the rays of a LiDAR, and poses of the vehicle that move its points."""
-    moments = timing.moments(_shares(lidar), phase)
-    return moments, poses_at(moments, ego) if timing.compensated else None
+    scan = _moments(lidar, timing, phase)
+    return scan, poses_at(scan.moments, ego) if timing.compensated else None
 
 
 @lru_cache(maxsize=64)
-def _shares(lidar: Lidar) -> NDArray[np.float64]:
-    return lidar.scan_shares()
+def _moments(lidar: Lidar, timing: ScanTiming, phase: float) -> Scan:
+    return Scan.at(timing.moments(lidar.scan_shares(), phase))
 
 
 def _grown(region: Crop, half: float, ego: NDArray[np.float64]) -> Crop:
     """Return a region that holds another one as the vehicle sees it within `half` a frame."""
-    farthest = math.hypot(*np.maximum(np.abs(region[:2]), np.abs(region[3:5])))
-    slack = half * (math.hypot(ego[0], ego[1]) + abs(ego[2]) * farthest)
     x0, y0, z0, x1, y1, z1 = region
+    farthest = math.hypot(max(abs(x0), abs(x1)), max(abs(y0), abs(y1)))
+    slack = half * (math.hypot(ego[0], ego[1]) + abs(float(ego[2])) * farthest)
     return x0 - slack, y0 - slack, z0, x1 + slack, y1 + slack, z1
 
 

@@ -9,7 +9,10 @@ are spread over the whole time, so that all of it counts. `lidarplace.clouds.ray
 rays meet parts.
 
 The distance of the sensor to a plane changes with the moment, not with the beam. So the inverse
-distances at which rays meet a plane are `ce a + se b`, with a and b of each azimuth."""
+distances at which rays meet a plane are `ce a + se b`, with a and b of each azimuth.
+
+Loops run over whole arrays by unsigned steps: a slice for each part and beam would count its
+references, and steps with a sign would be tested for it, which is no vector code."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -17,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.base.kernel_cache import inlined, inner, njit
+from lidarplace.base.kernel_cache import inlined, njit
 from lidarplace.clouds.convex import fill_corners, fill_planes, window_of
 from lidarplace.clouds.moving_parts import (
     fill_moving_planes,
@@ -51,6 +54,7 @@ from lidarplace.rigs.placement import Mount
 MOST_TURN = 0.01
 """Angle by which a part turns while it is placed once, radians."""
 _MOST_PIECES = 8  # into which a run of steps is cut
+_BLOCK = 16  # of numbers that are compared at once
 _MOST_RUNS = 4  # of steps at which a part may be: two, and each may be cut by the seam
 
 
@@ -64,6 +68,27 @@ class Motion(NamedTuple):
 
     ego: NDArray[np.float64]
     parts: NDArray[np.float64]
+
+
+class Scan(NamedTuple):
+    """Moments of the rays of a LiDAR in a frame.
+
+    Attributes:
+        moments: seconds after the frame's, of every step, shape (1, fired_steps); of a pattern of
+            every ray, shape (rays, 1).
+        half: the largest of their sizes.
+        seam: step before which the scan of a LiDAR that turns ends; 0: it ends at the last."""
+
+    moments: NDArray[np.float64]
+    half: float
+    seam: int
+
+    @classmethod
+    def at(cls, moments: NDArray[np.float64]) -> "Scan":
+        """Return the scan with these `moments`, of `ScanTiming.moments`."""
+        half = float(np.abs(moments).max())
+        leaps = np.abs(np.diff(moments[0], prepend=moments[0, 0])) > half
+        return cls(moments, half, int(leaps.argmax()))
 
 
 def part_motion(
@@ -81,22 +106,22 @@ def cast_moving(
     lidar: Lidar,
     parts: Parts,
     motion: Motion,
-    moments: NDArray[np.float64],
+    scan: Scan,
     crop: Sequence[float] = EVERYWHERE,
     into: Hits | None = None,
     ends: NDArray[np.float64] = NO_ENDS,
 ) -> Hits:
     """Cast all rays of one LiDAR at moving parts and flat ground, which `parts` are at moment 0.
 
-    Ranges are in the frame of the vehicle at the `moments` of the rays, of `ScanTiming`, which the
-    body of the vehicle does not leave. Other arguments as of `lidarplace.clouds.raycast.cast`; the
-    crop holds at each moment."""
+    Ranges are in the frame of the vehicle at the moments of the rays, which the body of the vehicle
+    does not leave. Other arguments as of `lidarplace.clouds.raycast.cast`; the crop holds at each
+    moment."""
     number = lidar.rays
     hits = into or Hits(np.empty(number), np.empty(number, np.int32), np.empty(number))
     surfaces = Surfaces(parts.geometry, parts.owner, parts.reflectivity)
     region = np.array(crop, np.float64)
     for rays, numbers in rays_of(mount, lidar):
-        _cast(rays, surfaces, (motion, moments), region, ends[numbers], hits.of(numbers))
+        _cast(rays, surfaces, (motion, scan), region, ends[numbers], hits.of(numbers))
     return hits
 
 
@@ -125,9 +150,9 @@ class _Faces(NamedTuple):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cast(rays, surfaces, moving, crop, ends, hits):
     """Fill the `hits` of `Rays` on `Surfaces`; further arguments as of `cast_moving`."""
-    (origin, rotation, beams), (motion, moments) = rays, moving
+    (origin, rotation, beams), (motion, (moments, half, seam)) = rays, moving
     number, steps = len(surfaces.owner), beams.azimuths.shape[2]
-    nearest = Nearest(np.empty(len(hits.range)), np.empty(len(hits.range), np.int32))
+    nearest = Nearest(hits.range, hits.target)
     start_nearest(rays, ends, True, nearest)
     most = number * _MOST_RUNS * _MOST_PIECES
     numbers = np.empty(most, np.int32), np.empty(most, np.int32)
@@ -135,14 +160,14 @@ def _cast(rays, surfaces, moving, crop, ends, hits):
     corners, moved, rate, region = np.empty((8, 3)), np.empty(10), np.empty(3), np.empty(6)
     fixed = np.empty((6, 5))  # planes of what does not move
     memory, pieces = np.empty((13, steps)), np.empty((_MOST_RUNS * _MOST_PIECES, 4))
-    half = np.abs(moments).max()
-    seam = _seam(moments, half)
     for part in range(number):
         box, rides = surfaces.geometry[part], surfaces.owner[part] == BODY
         speed = place_at(box, motion, part, rides, 0.0, moved, rate)
         turn = 0.0 if rides else abs(motion.ego[2]) + abs(motion.parts[part, 4])
+        if is_beyond(box, speed * half, origin, crop):
+            continue
         around = window_around(box, speed * half, origin, rotation)
-        if around.nearest > beams.reach or is_beyond(box, speed * half, origin, crop):
+        if around.nearest > beams.reach:
             continue
         for n in range(_cut(beams, moments, (half, speed, turn, seam), around, pieces)):
             early, late = pieces[n, 2], pieces[n, 3]
@@ -168,19 +193,10 @@ def _cast(rays, surfaces, moving, crop, ends, hits):
                 piece = pieces[n], centre
                 _meet(beams, window, (planes, count), (moments, piece), memory, nearest)
             count += 1
-    _fill_hits(rays, surfaces, faces, moments, nearest, hits)
+    _fill_hits(rays, surfaces, faces, moments, hits)
 
 
-@inner
-def _seam(moments, half):
-    """Return the step before which the scan of a LiDAR that turns ends; 0: it ends at the last."""
-    for n in range(1, moments.shape[1]):
-        if abs(moments[0, n] - moments[0, n - 1]) > half:
-            return n
-    return 0
-
-
-@inner
+@inlined
 def _cut(beams, moments, cuts, window, pieces):
     """Fill pieces of the scan at which a part may be in a window; return their number.
 
@@ -222,7 +238,7 @@ def _distance(plane, t):
     return distance if abs(distance) > 1e-290 else 1e-290
 
 
-@inner
+@inlined
 def _meet(beams, window, face, when, memory, nearest):
     """Let the rays of a piece of the scan that enter a part meet it where nothing nearer is met."""
     (planes, number), (moments, (piece, centre)) = face, when
@@ -266,7 +282,7 @@ def _enter_once(planes, t, ray):
     return enter if leave <= enter < np.inf else -1.0
 
 
-@inner
+@inlined
 def _meet_beams(beams, window, rays, face, memory, nearest):
     """Let the steps of some beams, from first to past the last, meet a part.
 
@@ -274,129 +290,145 @@ def _meet_beams(beams, window, rays, face, memory, nearest):
     ((start, stop), (first, end), times), (planes, number, centre) = rays, face
     inverses, numbers = nearest
     cosines, sines = along(beams, start)
-    steps = beams.azimuths.shape[2]
     while first < end:
         last = _same_sides(planes, times, centre, first, end)
         facing = _fill_lines(planes, cosines, sines, times, centre, (first, last), memory)
-        enter = memory[12, : last - first]
         for beam in range(start, stop if facing > 0 else start):
             elevation, ce, se = beams.elevations[beam]
             if not window.lowest <= elevation <= window.highest:
                 continue
-            _enter(memory, facing, ce, se, enter)
-            inverse = inverses[beam * steps + first : beam * steps + last]
-            of_ray = numbers[beam * steps + first : beam * steps + last]
-            for n in range(len(enter)):
-                nearer = enter[n] > inverse[n]
-                inverse[n] = enter[n] if nearer else inverse[n]
-                of_ray[n] = number if nearer else of_ray[n]
+            _enter(memory, facing, ce, se, (first, last))
+            row = np.uint64(beam * beams.azimuths.shape[2])
+            for n in range(np.uint64(first), np.uint64(last)):
+                nearer = memory[12, n] > inverses[row + n]
+                inverses[row + n] = memory[12, n] if nearer else inverses[row + n]
+                numbers[row + n] = number if nearer else numbers[row + n]
         first = last
 
 
-@inner
+@inlined
 def _same_sides(planes, times, centre, first, end):
     """Return the end of the steps from `first` on at which the same planes face the sensor."""
     last = end
     for k in range(6):
-        side = _distance(planes[k], times[first] - centre) > 0.0
-        if (_distance(planes[k], times[last - 1] - centre) > 0.0) != side:
+        plane = planes[k]
+        side = _distance(plane, times[first] - centre) > 0.0
+        if (_distance(plane, times[last - 1] - centre) > 0.0) != side:
             n = first + 1
-            while (_distance(planes[k], times[n] - centre) > 0.0) == side:
+            while (_distance(plane, times[n] - centre) > 0.0) == side:
                 n += 1
             last = n
     return last
 
 
-@inner
+@inlined
 def _fill_lines(planes, cosines, sines, times, centre, ends, lines):
     """Fill a and b of each plane, those that face the sensor first; return how many do."""
-    first, last = ends
-    cosines, sines, times = cosines[first:last], sines[first:last], times[first:last]
+    first, last = np.uint64(ends[0]), np.uint64(ends[1])
     facing, others = 0, 6
     for k in range(6):
-        plane = planes[k]
-        if _distance(plane, times[0] - centre) > 0.0:
+        x, y, z, vx, vy, vz, _, change = planes[k]
+        if _distance(planes[k], times[first] - centre) > 0.0:
             row = facing
             facing += 1
         else:
             others -= 1
             row = others
-        a, b = lines[row, : len(times)], lines[6 + row, : len(times)]
-        for n in range(len(times)):
+        if vx == vy == vz == change == 0.0:  # as of top and bottom
+            inverse = 1.0 / _distance(planes[k], 0.0)
+            x, y, z = x * inverse, y * inverse, z * inverse
+            for n in range(first, last):
+                lines[row, n], lines[6 + row, n] = x * cosines[n] + y * sines[n], z
+            continue
+        for n in range(first, last):
             t = times[n] - centre
-            inverse = 1.0 / _distance(plane, t)
-            x, y, z = plane[0] + t * plane[3], plane[1] + t * plane[4], plane[2] + t * plane[5]
-            a[n], b[n] = (x * cosines[n] + y * sines[n]) * inverse, z * inverse
+            inverse = 1.0 / _distance(planes[k], t)
+            across = (x + t * vx) * cosines[n] + (y + t * vy) * sines[n]
+            lines[row, n], lines[6 + row, n] = across * inverse, (z + t * vz) * inverse
     return facing
 
 
-@inner
-def _enter(lines, facing, ce, se, enter):
-    """Write the inverse distances at which rays of a beam enter a part; negative: they miss it."""
-    number = len(enter)
+@inlined
+def _enter(lines, facing, ce, se, ends):
+    """Fill the inverse distances at which rays of a beam enter a part; negative: they miss it.
+
+    They are in the last row of the lines."""
+    first, last = np.uint64(ends[0]), np.uint64(ends[1])
     for k in range(6):
-        a, b = lines[k], lines[6 + k]
         if k == 0:
-            for n in range(number):
-                enter[n] = ce * a[n] + se * b[n]
+            for n in range(first, last):
+                lines[12, n] = ce * lines[k, n] + se * lines[6 + k, n]
         elif k < facing:
-            for n in range(number):
-                enter[n] = min(enter[n], ce * a[n] + se * b[n])
+            for n in range(first, last):
+                lines[12, n] = min(lines[12, n], ce * lines[k, n] + se * lines[6 + k, n])
         else:
-            for n in range(number):
-                leave = ce * a[n] + se * b[n]
-                enter[n] = enter[n] if enter[n] >= leave else -1.0
+            for n in range(first, last):
+                leave = ce * lines[k, n] + se * lines[6 + k, n]
+                lines[12, n] = lines[12, n] if lines[12, n] >= leave else -1.0
 
 
-@inner
-def _fill_hits(rays, surfaces, faces, moments, nearest, hits):
-    """Turn what every ray meets into hits: range, owner and reflected light.
+@inlined
+def _fill_hits(rays, surfaces, faces, moments, hits):
+    """Turn what every ray meets, inverse distance and number, into range, owner and light.
 
     Neighbours that meet the same are one run, whose loops are vector code."""
-    beams, (ranges, targets, reflected), (inverses, numbers) = rays.beams, hits, nearest
-    steps, high = beams.azimuths.shape[2], height_over_ground(rays, True)
-    least = np.empty(steps)
+    beams, high, (ranges, targets, reflected) = rays.beams, height_over_ground(rays, True), hits
+    steps = beams.azimuths.shape[2]
+    inverse, least = np.empty(steps), np.empty(steps)
     for beam in range(len(beams.elevations)):
-        cosines, sines = along(beams, beam)
-        times = moments[beam if len(beams.aimed) else 0]
-        last, end = beam * steps, (beam + 1) * steps
-        while last < end:
-            first, face = last, numbers[last]
-            while last < end and numbers[last] == face:
-                last += 1
-            inverse, light = inverses[first:last], reflected[first:last]
-            far, target = ranges[first:last], targets[first:last]
-            if face >= 0:
-                part, piece = faces.part[face], slice(first - beam * steps, last - beam * steps)
-                run = cosines[piece], sines[piece], times[piece], faces.centre[face]
-                of_face = faces.planes[face], faces.facing[face]
-                _fill_cosines(of_face, beams.elevations[beam], run, inverse, least, light)
-                target[:], bright = surfaces.owner[part], surfaces.reflectivity[part]
-                for n in range(len(light)):
-                    far[n], light[n] = 1.0 / inverse[n], min(light[n], 1.0) * bright
+        row, own = np.uint64(beam * steps), beam if len(beams.aimed) else 0
+        for n in range(np.uint64(steps)):
+            inverse[n], target = ranges[row + n], targets[row + n]
+            ranges[row + n] = np.inf if target == NOTHING else 1.0 / inverse[n]
+            reflected[row + n] = min(inverse[n] * high, 1.0) if target == GROUND else 0.0
+        last = 0
+        while last < steps:
+            first, face = last, targets[row + np.uint64(last)]
+            last = _end_of_run(targets, row, first, steps)
+            if face < 0:
                 continue
-            target[:], up = face, high if face == GROUND else 0.0
-            for n in range(len(light)):
-                far[n] = np.inf if face == NOTHING else 1.0 / inverse[n]
-                light[n] = min(inverse[n] * up, 1.0)
+            run = beams.azimuths[own], moments[own], inverse, least
+            _fill_light(faces, face, beams.elevations[beam], run, (row, first, last), reflected)
+            part = faces.part[face]
+            owner, bright = surfaces.owner[part], surfaces.reflectivity[part]
+            for n in range(row + np.uint64(first), row + np.uint64(last)):
+                targets[n], reflected[n] = owner, min(reflected[n], 1.0) * bright
 
 
-@inner
-def _fill_cosines(face, beam, run, inverse, least, cosines):
+@inlined
+def _end_of_run(values, row, first, end):
+    """Return the end of equal values of a row from `first` on, by blocks as long as these last."""
+    value, last = values[row + np.uint64(first)], first + 1
+    while last + _BLOCK <= end:
+        start, same = row + np.uint64(last), True
+        for n in range(np.uint64(_BLOCK)):
+            same &= values[start + n] == value
+        if not same:
+            break
+        last += _BLOCK
+    while last < end and values[row + np.uint64(last)] == value:
+        last += 1
+    return last
+
+
+@inlined
+def _fill_light(faces, face, beam, run, ends, light):
     """Fill the cosines of incidence of a run of rays on a part.
 
     They are of the plane that the ray meets where it enters: of those that face the sensor and are
     not beyond. `least` is memory."""
-    planes, facing = face
-    (_, ce, se), (across, aside, times, centre) = beam, run
-    least[: len(times)] = np.inf
+    planes, facing, centre = faces.planes, faces.facing[face], faces.centre[face]
+    (_, ce, se), (azimuths, times, inverse, least), (row, first, last) = beam, run, ends
+    first, last = np.uint64(first), np.uint64(last)
+    for n in range(first, last):
+        least[n] = np.inf
     for k in range(facing):
-        plane = planes[k]
-        for n in range(len(times)):
+        x, y, z, vx, vy, vz, d, change = planes[face, k]
+        for n in range(first, last):
             t = times[n] - centre
-            cosine = _toward(plane, t, (ce * across[n], ce * aside[n], se))
-            distance = plane[6] + t * plane[7]
+            across = (x + t * vx) * azimuths[0, n] + (y + t * vy) * azimuths[1, n]
+            cosine, distance = ce * across + se * (z + t * vz), d + t * change
             beyond = cosine - inverse[n] * distance
             nearer = (distance > 0.0) & (beyond < least[n])
             least[n] = beyond if nearer else least[n]
-            cosines[n] = cosine if nearer else cosines[n]
+            light[row + n] = cosine if nearer else light[row + n]

@@ -6,31 +6,32 @@ import math
 
 import numpy as np
 
-from lidarplace.base.kernel_cache import inlined, inner
+from lidarplace.base.kernel_cache import inlined
 from lidarplace.clouds.convex import Window, plane_of
 
 
-@inner
+@inlined
 def place_at(box, motion, part, rides, t, moved, rate):
     """Fill where a part is in the frame of the vehicle at a moment, and its velocity and yaw rate.
 
     Returns the bound of the speed of its points from then to the end of the scan, nearly. `rides`:
     whether it is of the vehicle."""
-    moved[:] = box
-    rate[:] = 0.0
-    if rides:
-        return 0.0
-    (ux, uy, turn), (cx, cy, vx, vy, spin) = motion.ego, motion.parts[part]
+    ego, parts, moves = motion.ego, motion.parts, 0.0 if rides else 1.0
+    ux, uy, turn = moves * ego[0], moves * ego[1], moves * ego[2]
+    cx, cy, spin = parts[part, 0], parts[part, 1], moves * parts[part, 4]
+    vx, vy = moves * parts[part, 2] - ux, moves * parts[part, 3] - uy
     c, s, rx, ry = math.cos(spin * t), math.sin(spin * t), box[0] - cx, box[1] - cy
     rx, ry = c * rx - s * ry, s * rx + c * ry
-    x, y = cx + (vx - ux) * t + rx, cy + (vy - uy) * t + ry
-    wx, wy = vx - ux - spin * ry, vy - uy + spin * rx
+    x, y, wx, wy = cx + vx * t + rx, cy + vy * t + ry, vx - spin * ry, vy + spin * rx
     c, s = math.cos(turn * t), math.sin(turn * t)
+    for n in range(len(moved)):
+        moved[n] = box[n]
     moved[0], moved[1], moved[6] = c * x + s * y, c * y - s * x, box[6] + (spin - turn) * t
     rate[0] = c * wx + s * wy + turn * moved[1]
     rate[1] = c * wy - s * wx - turn * moved[0]
     rate[2] = spin - turn
-    return 1.1 * (math.hypot(rate[0], rate[1]) + abs(rate[2]) * math.hypot(box[3], box[4]))
+    speed = math.sqrt(rate[0] ** 2 + rate[1] ** 2)
+    return 1.1 * (speed + abs(rate[2]) * math.sqrt(box[3] ** 2 + box[4] ** 2))
 
 
 @inlined
@@ -44,7 +45,7 @@ def is_beyond(box, metres, origin, crop):
     return beyond
 
 
-@inner
+@inlined
 def window_around(box, metres, origin, rotation):
     """Return a window around the sphere that holds a part whose points may be so many metres away.
 
@@ -53,13 +54,13 @@ def window_around(box, metres, origin, rotation):
     x = rotation[0, 0] * ex + rotation[1, 0] * ey + rotation[2, 0] * ez
     y = rotation[0, 1] * ex + rotation[1, 1] * ey + rotation[2, 1] * ez
     radius = metres + 0.5 * math.sqrt(box[3] ** 2 + box[4] ** 2 + box[5] ** 2)
-    axis_distance = math.hypot(x, y)
+    axis_distance = math.sqrt(x**2 + y**2)
     turn = math.asin(radius / axis_distance) if radius < axis_distance else math.pi
     nearest = math.sqrt(ex**2 + ey**2 + ez**2) - radius
     return Window(math.atan2(y, x), turn, turn, -math.pi, math.pi, nearest, np.inf, axis_distance)
 
 
-@inner
+@inlined
 def grown_window(window, metres):
     """Return the window of a part whose points may be so many metres away."""
     azimuth, right, left, lowest, highest, nearest, farthest, axis_distance = window
@@ -71,7 +72,7 @@ def grown_window(window, metres):
     return Window(azimuth, right, left, lowest, highest, nearest, farthest, axis_distance)
 
 
-@inner
+@inlined
 def fill_moving_planes(part, rate, pose, reach, planes):
     """Fill the planes of a part that moves, shape (6, 8); return how many may face the sensor.
 

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.base.errors import InputError
 from lidarplace.clouds.collect import collect
-from lidarplace.clouds.moving import Motion, cast_moving, poses_at
+from lidarplace.clouds.moving import Motion, Scan, cast_moving, poses_at
 from lidarplace.clouds.raycast import cast
 from lidarplace.clouds.shapes import BODY, bricks
 from lidarplace.configuration.sensor import SensorSettings
@@ -44,7 +44,7 @@ def test_smear_of_a_wall_is_that_of_the_closed_form(lidar, timing):
     wall = bricks(np.array([[40.0, 3.0, 2.0, 1e-9, 8.0, 40.0, 0.0]]), 0)
     motion = Motion(np.zeros(3), np.array([[40.0, 3.0, -30.0, 20.0, 0.0]]))
     moments = timing.moments(lidar.scan_shares(), timing.phase)
-    hits = cast_moving(Mount(), lidar, wall, motion, moments)
+    hits = cast_moving(Mount(), lidar, wall, motion, Scan.at(moments))
     t = np.broadcast_to(moments, (lidar.beams, lidar.fired_steps)).ravel()
     azimuth, elevation = angles(lidar)
     away = 40.0 - 30.0 * t
@@ -94,7 +94,7 @@ def test_rays_agree_with_a_finely_stepped_world(phase):
     mount = Mount.degrees(0.3, 0.2, 2.0, roll=8.0, pitch=5.0, yaw=30.0)
     parts, motion, body = moving_parts()
     moments = ScanTiming(10.0).moments(lidar.scan_shares(), phase)
-    hits = cast_moving(mount, lidar, parts, motion, moments)
+    hits = cast_moving(mount, lidar, parts, motion, Scan.at(moments))
     met, differ, worst = 0, 0, 0.0
     for step in range(0, lidar.fired_steps, 7):
         world = bricks(boxes_at(moments[0, step]), np.arange(len(OBJECTS), dtype=np.int32))
@@ -115,7 +115,7 @@ def test_a_pattern_agrees_with_a_finely_stepped_world():
     lidar, mount = solid_state(600), Mount(z=1.5)
     parts, motion, body = moving_parts()
     moments = ScanTiming(10.0).moments(lidar.scan_shares(), 0.0)
-    hits = cast_moving(mount, lidar, parts, motion, moments)
+    hits = cast_moving(mount, lidar, parts, motion, Scan.at(moments))
     for ray in range(0, lidar.rays, 5):
         world = bricks(boxes_at(moments[ray, 0]), np.arange(len(OBJECTS), dtype=np.int32))
         still = cast(mount, lidar, world.and_(body))
@@ -128,7 +128,10 @@ def test_hits_are_those_of_all_rays_at_once_where_nothing_moves():
     parts, motion, _ = moving_parts()
     still = Motion(np.zeros(3), np.zeros_like(motion.parts))
     moments = ScanTiming(10.0).moments(lidar.scan_shares(), 1.0)
-    hits, at_once = cast_moving(mount, lidar, parts, still, moments), cast(mount, lidar, parts)
+    hits, at_once = (
+        cast_moving(mount, lidar, parts, still, Scan.at(moments)),
+        cast(mount, lidar, parts),
+    )
     assert np.array_equal(hits.target, at_once.target)
     assert np.allclose(hits.range, at_once.range, rtol=0, atol=1e-11)
 
