@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +116,13 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
         problem = "duplicate in two of the logs; frame numbers must differ"
         raise InputError(problem, place=f"frame {frames['frame'].iloc[row]}")
     return BoxLog(boxes, frames, buildings, rigs, world)
+
+
+def of_split(log: BoxLog, split: str) -> BoxLog:
+    """Keep the frames of a split, and their boxes."""
+    frames = log.frames[log.frames["split"] == split]
+    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
+    return replace(log, boxes=boxes, frames=frames)
 
 
 def write_box_log(folder: Path, log: BoxLog) -> None:

@@ -5,14 +5,13 @@ tables are those of docs/findings.md; `studies/findings/benchmark.py` writes the
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from lidarplace.logs.box_log import BoxLog, read_box_log
+from lidarplace.logs.box_log import BoxLog, of_split, read_box_log
 from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from sweeps.plan.plan import read_plan
 from sweeps.plan.trial import Trial
@@ -46,10 +45,7 @@ def trials(overrides: Sequence[str] = ()) -> dict[str, Trial]:
 @cache
 def log_of(split: str) -> BoxLog:
     """Read the traffic's frames to train on ("train", all that a predictor sees) or to test on."""
-    log = read_box_log(LOG)
-    frames = log.frames[log.frames["split"] == split]
-    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
-    return replace(log, boxes=boxes, frames=frames)
+    return of_split(read_box_log(LOG), split)
 
 
 @cache

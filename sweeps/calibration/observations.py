@@ -1,13 +1,12 @@
 """Observations of a sweep: objects that its detectors found, and what the rigs hit of them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from lidarplace.base.metrics import Overlaps, iou_of
-from lidarplace.logs.box_log import join_logs
+from lidarplace.logs.box_log import join_logs, of_split
 from lidarplace.recall.baselines import per_object
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.detection_curve import CELL_M
@@ -65,13 +64,11 @@ def observations(rigs: TrialsByRig, store: Store) -> pd.DataFrame:
 
 def _test_objects(trial: Trial, store: Store) -> tuple[CountedObjects, pd.DataFrame]:
     """Find the objects that count, and the frames that they are in."""
-    log = join_logs([store.load(task) for task in trial.scenes])
-    frames = log.frames[log.frames["split"] == "test"]
-    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
+    log = of_split(join_logs([store.load(task) for task in trial.scenes]), "test")
     point = trial.grid_point.point
-    objects = (replace(log, boxes=boxes, frames=frames), point.voxel_roi(), point.classes, CELL_M)
+    objects = (log, point.voxel_roi(), point.classes, CELL_M)
     seed, vehicle = point.scene.seed, trial.grid_point.vehicle
-    return CountedObjects.from_log(*objects, seed=seed, vehicle=vehicle), frames
+    return CountedObjects.from_log(*objects, seed=seed, vehicle=vehicle), log.frames
 
 
 def of_rig(

@@ -7,6 +7,7 @@ import pandas as pd
 from lidarplace.base.class_names import counts_of, listed
 from lidarplace.base.errors import InputError, at
 from lidarplace.base.suggestions import did_you_mean
+from lidarplace.logs.box_log import of_split
 from lidarplace.logs.boxes import CLASSES
 from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
@@ -45,11 +46,7 @@ def _boxes_by_split(scene: LogScene, site: Site | None) -> dict[str, pd.DataFram
         train = test = scene.read(site)
         if scene.test_folder is not None:
             test = scene.model_copy(update={"folder": scene.test_folder}).read(site)
-    boxes = {}
-    for split, log in {"train": train, "test": test}.items():
-        frames = log.frames.loc[log.frames["split"] == split, "frame"]
-        boxes[split] = log.boxes[log.boxes["frame"].isin(frames)]
-    return boxes
+    return {split: of_split(log, split).boxes for split, log in (("train", train), ("test", test))}
 
 
 def _left_out(scene: LogScene, site: Site | None) -> list[str]:

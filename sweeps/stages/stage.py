@@ -5,7 +5,7 @@ A new stage is a file with a subclass of `Stage`, and a line in the plan."""
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, Generic, get_type_hints
 
@@ -13,7 +13,7 @@ from typing_extensions import TypeVar
 
 from lidarplace.base.registry import Registry
 from lidarplace.base.roi import Roi
-from lidarplace.logs.box_log import BoxLog, join_logs
+from lidarplace.logs.box_log import BoxLog, join_logs, of_split
 
 R = TypeVar("R", covariant=True, default=Any)
 """Type of a stage's result."""
@@ -114,7 +114,4 @@ def of_type(kind: type[T], inputs: Iterable[object]) -> list[T]:
 
 def training_log(logs: Sequence[BoxLog]) -> BoxLog:
     """Join the parts of a scene, and keep the frames of the training split with their boxes."""
-    log = join_logs(logs)
-    frames = log.frames[log.frames["split"] == "train"]
-    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
-    return replace(log, boxes=boxes, frames=frames)
+    return of_split(join_logs(logs), "train")
