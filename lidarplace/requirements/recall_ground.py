@@ -32,7 +32,8 @@ class RecallGround:
         x, y: middles of the cells, metres, shapes (nx,) and (ny,).
         built: the mean over headings, NaN within the vehicle, shape (nx, ny).
         degraded: the same with the LiDAR `dead`; equal to `built` for a single LiDAR.
-        dead: number from 0 of the LiDAR without which the mean over the ground is least."""
+        dead: number from 0 of the LiDAR without which the mean over the ground is least.
+        takes_time: whether a LiDAR takes time for a frame, which the ground ignores."""
 
     object_class: str
     x: NDArray[np.float64]
@@ -40,6 +41,7 @@ class RecallGround:
     built: NDArray[np.float64]
     degraded: NDArray[np.float64]
     dead: int | None
+    takes_time: bool = False
 
 
 def recall_ground(rig: Placement, vehicle: Vehicle, object_class: str) -> RecallGround:
@@ -69,4 +71,4 @@ def recall_ground(rig: Placement, vehicle: Vehicle, object_class: str) -> Recall
     dead = int(means[:, 1:].mean(axis=0).argmin()) if len(every) > 1 else None
     degraded = maps[0] if dead is None else maps[1 + dead]
     x, y = layout.positions.x, layout.positions.y
-    return RecallGround(object_class, x, y, maps[0], degraded, dead)
+    return RecallGround(object_class, x, y, maps[0], degraded, dead, rig.takes_time)

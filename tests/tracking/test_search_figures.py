@@ -124,6 +124,9 @@ def test_a_known_ground_has_an_entry_with_its_worst_lidar_dead():
     ]
     assert numbers == [["1 a", "2 b"], ["1 a", "2 b dead"], ["1 a", "2 b"]]
     assert "best 80.0 % (50.0 % with LiDAR 2 dead)" in ground_note(rigs)
+    assert "rate_hz" not in ground_note(rigs)
+    timed = {"best": replace(rigs["best"], ground=replace(rigs["best"].ground, takes_time=True))}
+    assert "They ignore rate_hz." in ground_note(timed)
     assert ground_note({"other": pair}) == ""
 
 

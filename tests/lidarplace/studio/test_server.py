@@ -6,16 +6,21 @@ from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import pytest
+from typer.testing import CliRunner
 from websockets.asyncio.server import serve
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from lidarplace.logs.box_log import write_box_log
+from lidarplace.rigs.scan_timing import STILL_WORLD
+from tests.lidarplace.studio.rigs import log_of, written
 from tests.refused import refused
 
 pytest.importorskip("viser")
 
 import viser
 
+from lidarplace.studio import command
 from lidarplace.studio.page.server import serving
 
 PROTOCOLS = [f"viser-v{viser.__version__}"]
@@ -101,3 +106,15 @@ def test_a_viser_that_cannot_be_checked_does_not_serve(monkeypatch):
     monkeypatch.setattr(viser.infra._infra, "websockets", listens)
     with refused((f"viser {viser.__version__}", "", ""), "pip install"), serving(None, "one"):
         pass
+
+
+@pytest.mark.parametrize("rate", [None, 10])
+def test_the_command_warns_that_the_studio_ignores_the_time_of_a_turn(tmp_path, monkeypatch, rate):
+    lidar = {"beams": 4, "azimuth_steps": 90, "rate_hz": rate}
+    file = written(tmp_path, {"lidar": lidar, "placements": {"mine": {"mounts": [{"z": 2.0}]}}})
+    write_box_log(tmp_path / "log", log_of([(8.0, 1.0)]))
+    ended = SimpleNamespace(Event=lambda: SimpleNamespace(wait=lambda: None))
+    monkeypatch.setattr(command, "threading", ended)
+    result = CliRunner().invoke(command.app, [str(file), "--log", str(tmp_path / "log")])
+    assert result.exit_code == 0, result.output
+    assert (STILL_WORLD in result.stderr) == bool(rate)

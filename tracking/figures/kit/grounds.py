@@ -99,6 +99,8 @@ def ground_note(rigs: Mapping[str, PicturedRig]) -> str:
         f"there, by the detection curves of the package. Means: {', '.join(parts)}; the dead LiDAR "
         "is the one that costs most."
     )
+    if any(rig.ground and rig.ground.takes_time for rig in rigs.values()):
+        note += " They ignore rate_hz."
     if any(rig.detected for rig in rigs.values()):
         note += (
             f" As detected: the share of the test objects that were found, in cells of {EDGE_M:g} "
