@@ -28,7 +28,7 @@ from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.logs.motion import motion_in
 from lidarplace.rigs.recorded import RecordedRig
 from lidarplace.validation.simulation import SimulatedRig, rays_on_objects
-from lidarplace.validation.validation import _checked, _objects
+from lidarplace.validation.validation import object_table, rig_and_counted_log
 
 UP = 1000.0  # above flat ground, which labels of these logs do not know, metres
 KINDS = ("still", "whole frame", "middle")
@@ -54,7 +54,7 @@ def scans(data: Path, rig: RecordedRig) -> list[tuple[float, float, float]]:
 
 def counted(data: Path, folder: Path) -> pd.DataFrame:
     """Simulated points in each box, of a still world and of both kinds of moments."""
-    rig, log = _checked(read_box_log(folder), folder)
+    rig, log = rig_and_counted_log(read_box_log(folder), folder)
     surroundings, motion = SimulatedRig(log, rig.placement).surroundings, motion_in(log)
     boxes, frames = log.boxes[list(GEOMETRY)].to_numpy(float), log.frames["frame"].to_numpy()
     views = list(zip(rig.placement.mounts, rig.placement.lidars, scans(data, rig),
@@ -88,7 +88,7 @@ def counted(data: Path, folder: Path) -> pd.DataFrame:
                 within = np.abs(c * dx + s * dy) <= box[:, 3] / 2
                 within &= np.abs(c * dy - s * dx) <= box[:, 4] / 2
                 columns[kind] += np.bincount(target[within], minlength=len(boxes))
-    return _objects(log).assign(**columns, speed=np.hypot(*motion.boxes[:, :2].T))
+    return object_table(log).assign(**columns, speed=np.hypot(*motion.boxes[:, :2].T))
 
 
 def scores(objects: pd.DataFrame, kind: str) -> NDArray[np.float64]:

@@ -85,8 +85,8 @@ def validate(
 
     Raises InputError: an object to leave out is missing, there are no counts or no rig, all LiDARs
     have fewer points than one, rigs of scenes differ, or no object has real points."""
-    rig, log = _checked(_left_out(log, without, folder), folder)
-    names, objects = rig.names, _objects(log)
+    rig, log = rig_and_counted_log(_left_out(log, without, folder), folder)
+    names, objects = rig.names, object_table(log)
     classes, frames = log.boxes["class"].to_numpy(str), log.frames["frame"].tolist()
     as_shipped = SimulatedRig(log, rig.placement, 0, vehicle)
     geometry = _geometry(rig, correction)
@@ -219,7 +219,7 @@ def _left_out(log: BoxLog, without: Sequence[str], folder: Path) -> BoxLog:
     return replace(log, boxes=log.boxes[~ids.isin(gone)])
 
 
-def _checked(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
+def rig_and_counted_log(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
     """Return the rig of all scenes that were counted, and the log of these scenes, boxes from 0."""
     table, rigs = folder / "boxes.parquet", folder / "rig.json"
     if not len(log.boxes):
@@ -248,7 +248,7 @@ def _checked(log: BoxLog, folder: Path) -> tuple[RecordedRig, BoxLog]:
     return rig, replace(log, boxes=boxes, frames=frames)
 
 
-def _objects(log: BoxLog) -> pd.DataFrame:
+def object_table(log: BoxLog) -> pd.DataFrame:
     """Tabulate boxes with their distance, route and real points.
 
     In a log that has classes of `CLASSES` others only hide what is behind them."""
