@@ -153,7 +153,7 @@ class Junction:
         run(file)
         tables = (self.folder / name / f"{n}.parquet" for n in ("found", "trials", "objects"))
         found, trials, objects = map(pd.read_parquet, tables)
-        rows = found.merge(trials[["trial", "placement"]]).merge(objects)
+        rows = found.merge(trials[["trial", "placement", "seed"]]).merge(objects)
         return rows.assign(town=self.town, route=f"{self.town}/" + rows["route"].astype(str))
 
     def traffic(self, test_seed: int) -> Surroundings:
@@ -272,6 +272,9 @@ def print_tables(
     print_validation(validated)
     print_recalls(f"{title}, generalist", tested, RULES)
     print_recalls(f"{title}, specialists", special, BY_SPECIALISTS)
+    of_seeds = special.groupby(["town", "placement", "seed"])["found"].mean().unstack()
+    apart = 100 * (of_seeds[1] - of_seeds[0]).abs().mean()
+    typer.echo(f"seeds of a specialist are {apart:.1f} points apart on average")
 
 
 def studied(folder: Path, town: int) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
