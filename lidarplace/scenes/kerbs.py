@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from lidarplace.base.errors import InputError
+from lidarplace.base.errors import InputError, at
 from lidarplace.base.roi import Interval
 from lidarplace.configuration.mounting import Span, number_as_interval, ordered
 from lidarplace.configuration.settings import Distance, Settings, validated
@@ -37,12 +37,17 @@ class _KerbSettings(Settings):
 
 
 def with_strips(
-    zones: Any, scene: Scene, site: Site, region: Mapping[str, Interval] | None = None
+    zones: Any,
+    scene: Scene,
+    site: Site,
+    region: Mapping[str, Interval] | None = None,
+    path: str = "",
 ) -> Any:
     """Return the zones of a file, plain data, with strips in place of those with the key `kerb`.
 
     The strips of `kerbs` are `kerbs_1`, the longest, `kerbs_2`, … `region`: x and y of zones
-    without them. Raises InputError: a value is wrong, or no kerb is there."""
+    without them; `path`: what is in front of names of zones in errors. Raises InputError: a value
+    is wrong, no kerb is there, or a zone has the name of a strip."""
     if not isinstance(zones, Mapping):
         return zones
     expanded: dict[Any, Any] = {}
@@ -50,20 +55,28 @@ def with_strips(
         if not isinstance(zone, Mapping) or zone.get("kerb") is None:
             expanded[name] = zone
             continue
+        place = f"{path}{name}"
         for key in _OF_ONE_ZONE:
             if key in zone:
                 problem = "is of a single zone, and kerbs are several"
-                raise InputError(problem, key=f"zones.{name}.{key}", fix="remove it")
+                raise InputError(problem, key=f"{place}.{key}", fix="remove it")
         own = {key: zone[key] for key in _KerbSettings.model_fields if key in zone}
-        settings = validated(_KerbSettings, {**(region or {}), **own}, f"zones.{name}")
+        settings = validated(dict[str, _KerbSettings], {place: {**(region or {}), **own}}, "")[
+            place
+        ]
         shared = {key: value for key, value in zone.items() if key not in own}
-        found = _strips(obstacles_around(scene, site), settings.kerb, settings.x, settings.y)
+        with at(key=f"{place}.kerb"):
+            around = obstacles_around(scene, site)
+        found = _strips(around, settings.kerb, settings.x, settings.y)
         if not len(found):
             problem = "no kerb of a lane is within x and y"
             fix = "draw polygons; the lanes of a log are unknown" * (scene.source == "log")
-            raise InputError(problem, key=f"zones.{name}.kerb", fix=fix)
+            raise InputError(problem, key=f"{place}.kerb", fix=fix)
         for number, polygon in enumerate(_corners(found).tolist(), start=1):
-            expanded[f"{name}_{number}"] = shared | {"polygon": polygon}
+            if (strip := f"{name}_{number}") in zones:
+                problem = f"the name of a strip of {name!r}"
+                raise InputError(problem, key=f"{path}{strip}", fix="rename one of them")
+            expanded[strip] = shared | {"polygon": polygon}
     return expanded
 
 

@@ -151,7 +151,7 @@ class Obstacles:
     def check_place(self, position: NDArray[np.float64], name: str, place: str = "") -> None:
         """Raise ValueError unless a pole or a gantry can hold what has this name there."""
         x, y, z = position.tolist()
-        POLE.check("z", z, place=place or name)
+        POLE.check("z", z, place=": ".join(filter(None, (place, name))))
         name, walls = f"{name} at {point(x, y, z)}", self.buildings
         if (_holds(walls[:, [0, 1, 6, 3, 4]], 0.5, x, y) & (z <= walls[:, 5])).any():
             raise InputError(f"{name} is inside of a building", place=place, fix="move it")

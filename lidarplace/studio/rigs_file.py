@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import numpy as np
 import yaml
@@ -24,7 +24,7 @@ from lidarplace.configuration.mounting import (
 )
 from lidarplace.configuration.placement import MOST_MOUNTS, MountSettings, PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.configuration.settings import Name, Price, fault, short_for, validated
+from lidarplace.configuration.settings import Name, Price, fault, short_for
 from lidarplace.configuration.vehicle import OwnVehicle, VehicleSettings, vehicle_of
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.configuration.zones import CountRange, ZoneSettings
@@ -61,7 +61,7 @@ class RigsSettings(SiteOrVehicle):
     site: Site | None = Field(
         None, description="LiDARs on poles beside the road instead of a vehicle, as in a sweep"
     )
-    scene: dict[str, Any] | None = Field(
+    scene: Scene | None = Field(
         None,
         description="traffic at the site, as in a sweep; half a minute of simulated traffic by "
         "default",
@@ -88,7 +88,7 @@ class RigsSettings(SiteOrVehicle):
 
     @field_validator("scene")
     @classmethod
-    def _at_a_site(cls, scene: dict[str, Any] | None, info: ValidationInfo) -> Any:
+    def _at_a_site(cls, scene: Scene | None, info: ValidationInfo) -> Scene | None:
         if scene is not None and info.data.get("site") is None:
             raise InputError("is of a site", fix="set site, or name a log with --log")
         return scene
@@ -97,7 +97,8 @@ class RigsSettings(SiteOrVehicle):
     @classmethod
     def _along_kerbs(cls, zones: Any, info: ValidationInfo) -> Any:
         site = info.data.get("site")
-        return zones if site is None else with_strips(zones, _scene_of(info.data), site)
+        scene = info.data.get("scene") or simulated_scene()
+        return zones if site is None else with_strips(zones, scene, site)
 
     @model_validator(mode="after")
     def _is_mountable(self) -> RigsSettings:
@@ -159,15 +160,16 @@ class RigsFile:
         """The site, if the LiDARs are on poles."""
         return self.settings.site
 
-    @cached_property
+    @property
     def scene(self) -> Scene:
-        """Traffic at the site. Raises ValueError: something is wrong with it."""
-        with at(self.path):
-            return _scene_of(vars(self.settings))
+        """Traffic at the site; half a minute of a generated town unless it is named."""
+        return self.settings.scene or simulated_scene()
 
     @cached_property
     def around(self) -> Obstacles | None:
-        """Buildings and lanes around the site; None on a vehicle. Raises ValueError as `scene`."""
+        """Buildings and lanes around the site; None on a vehicle.
+
+        Raises ValueError as `obstacles_around`."""
         with at(self.path):
             return None if self.site is None else obstacles_around(self.scene, self.site)
 
@@ -238,14 +240,6 @@ def read_rigs(path: Path) -> RigsFile:
         return RigsFile(path, content, RigsSettings.model_validate(content, context=context))
     except ValidationError as error:
         raise fault(error, str(path)) from None
-
-
-def _scene_of(settings: Mapping[str, Any]) -> Scene:
-    """Return the traffic at a site; half a minute of a generated town unless it is named.
-
-    Raises InputError: something is wrong with it."""
-    scene, kind = settings.get("scene"), cast("Any", Scene)
-    return simulated_scene() if scene is None else validated(kind, scene, "scene")
 
 
 def as_yaml(content: Mapping[str, Any]) -> str:

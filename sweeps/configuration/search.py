@@ -402,10 +402,11 @@ class SearchFile(Common, Point):
             return search
         if search.get("vehicle") not in (None, []):
             raise InputError("a site has no vehicle", key="vehicle", fix="remove it or site")
-        zones, roi = search.get("zones"), info.data.get("roi")
-        if roi is not None and (scene := info.data.get("scene")) is not None:
-            zones = with_strips(zones, scene, site, {"x": roi.x, "y": roi.y})
-        return search | {"vehicle": [], "zones": zones}
+        search, roi = search | {"vehicle": []}, info.data.get("roi")
+        if "zones" in search and roi and (scene := info.data.get("scene")):
+            region = {"x": roi.x, "y": roi.y}
+            search["zones"] = with_strips(search["zones"], scene, site, region, "zones.")
+        return search
 
     @property
     def needs_voxels(self) -> bool:

@@ -170,8 +170,8 @@ def test_a_search_follows_the_kerbs(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
-        ({"zones": {"k": {"kerb": [2, 1], "z": 5}}}, "zones.k: kerb: expected .*min <= max"),
-        ({"zones": {"k": {"kerb": [0, 1], "z": 5}}}, "zones.k: kerb.*expected more than 0"),
+        ({"zones": {"k": {"kerb": [2, 1], "z": 5}}}, "search.zones.k.kerb: expected .*min <= max"),
+        ({"zones": {"k": {"kerb": [0, 1], "z": 5}}}, "search.zones.k.kerb.*expected more than 0"),
         ({"zones": {"k": {"kerb": 1, "z": 5, "lidars": 1}}}, "zones.k.lidars.*several"),
         ({"zones": {"k": {"kerb": 1, "z": 5, "x": [0, 1], "y": 0}}}, "zones.k.kerb: no kerb"),
         ({"vehicle": BODY}, ("search.yaml", "search.vehicle", "")),

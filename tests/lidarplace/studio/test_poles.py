@@ -80,8 +80,10 @@ def test_a_sweep_and_a_saved_file_have_the_site(studio, tmp_path):
         ({"vehicle": [[[-2, -1, 0], [2, 1, 1]]]}, "rigs.yaml: site: a site has no vehicle"),
         ({"site": None}, "rigs.yaml: scene: is of a site"),
         ({"site": None, "scene": None}, "rigs.yaml: zones.kerbs.kerb: only a site has kerbs"),
-        ({"zones": {"k": {"kerb": 1, "z": 5}}}, "rigs.yaml: zones: zones.k: x: missing"),
-        ({"scene": {"density": -1}}, "rigs.yaml: .*scene: density"),
+        ({"zones": {"k": {"kerb": 1, "z": 5}}}, "rigs.yaml: zones.k.x: missing"),
+        ({"zones": {"k": KERBS, "k_1": {"x": 0, "y": 0, "z": 5}}}, "zones.k_1: the name of a str"),
+        ({"scene": {"density": -1}}, "rigs.yaml: scene.density: expected"),
+        ({"scene": {"source": "log", "folder": "none"}}, "rigs.yaml: scene.folder: none/"),
     ],
 )
 def test_a_file_that_cannot_be_is_one_line(tmp_path, keys, expected):
