@@ -88,17 +88,26 @@ def scene_parts(scene: Scene, site: Site | None = None) -> list[ScenePart]:
     if site is None:
         with KINDS.calls(scene.source, ValueError, OSError):
             return kind.parts(scene)
-    if scene.source not in KINDS.own:
-        problem, known = "has no sites", " or ".join(KINDS.own)
-        raise InputError(problem, key="source", expected=known, found=scene.source)
+    _check_has_sites(scene)
     return kind.parts(scene, site)
 
 
-@lru_cache(maxsize=4)
+def _check_has_sites(scene: Scene) -> None:
+    if scene.source not in KINDS.own:
+        problem, known = "has no sites", " or ".join(KINDS.own)
+        raise InputError(problem, key="source", expected=known, found=scene.source)
+
+
 def obstacles_around(scene: Scene, site: Site) -> Obstacles:
     """Return buildings and lanes around a site, in its frame; of a log the buildings alone.
 
     Raises ValueError as `scene_parts`."""
+    _check_has_sites(scene)
+    return _obstacles(scene, site)
+
+
+@lru_cache(maxsize=4)
+def _obstacles(scene: Scene, site: Site) -> Obstacles:
     if isinstance(scene, SumoScene):
         return obstacles_at(scene, site)
     buildings = scene.read().buildings

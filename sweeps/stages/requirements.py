@@ -36,7 +36,7 @@ class RequirementsStage(Stage[RequirementResults]):
     `further`: cameras and radars of the rig."""
 
     placement: Annotated[Placement, "placement", "lidar", "weather"]
-    vehicle: Annotated[Vehicle, "vehicle"]
+    vehicle: Annotated[Vehicle, "vehicle", "site"]
     requirements: Annotated[tuple[Requirement, ...], "surrogate.curves"]
     further: Annotated[tuple[MountedSensor, ...], "placement"] = ()
 

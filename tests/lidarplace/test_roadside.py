@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -207,6 +208,11 @@ def walls_of(around):
 def test_sites_that_cannot_be(scene, site, expected):
     with refused(expected):
         obstacles_around(SCENE.model_copy(update=scene), Site(**site))
+
+
+def test_scenes_of_plug_ins_have_no_site():
+    with refused(("", "source", "mine")):
+        obstacles_around(SimpleNamespace(source="mine"), Site(x=1.0, y=2.0))
 
 
 def test_logs_without_poses_have_no_site():
