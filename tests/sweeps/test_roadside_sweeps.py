@@ -23,6 +23,7 @@ from tests.refused import refused
 from tests.sweeps.small_log import SMALL, TOWN
 from tests.sweeps.toy import ran
 from tracking.run_folders.sweep_json import SweepResult
+from tracking.run_folders.sweep_tables import REQUIREMENTS, SURROGATES
 
 POSES = [(x, 2.0, 0.0, 0.0, 0.0, 0.1) for x in (-60.0, 5.0, 15.0, 25.0, 35.0, 45.0)]
 POLE = {"mounts": [{"x": 8, "y": 12, "z": 6}]}
@@ -85,6 +86,20 @@ def test_run_folders_have_what_is_around_a_site(tmp_path):
     assert 0 < len(around.buildings) < len(whole.buildings)
     assert 0 < len(around.lanes) < len(whole.lanes)
     assert np.hypot(*around.buildings[:, :2].T).max() < 80
+
+
+def test_rows_of_sites_and_towns_that_differ_are_told_apart(tmp_path):
+    near = {"name": "near", "where": {"x": [3, 5], "y": [-1, 1]}, "what": "Car", "step": 1.0}
+    names = {"names": ["covered_entropy"], "accuracy": False, "sampling_error": False}
+    keys = {"surrogate": {"resolution": 0.8} | names}
+    keys["placements"] = {"gantry": {"mounts": [{"z": 7}]}}
+    keys |= {"placement": "gantry", "grid": {"site.yaw_deg": [0, 90]}}
+    path = write(tmp_path, requirements=[near | {"at_least": {"points": 1}}], **keys)
+    folder = ran(read_sweep(path), tmp_path)[-1]
+    for table in (SURROGATES, REQUIREMENTS):
+        rows = pd.read_parquet(folder / table.file)
+        assert set(rows["site.yaw_deg"]) == {0, 90}
+        assert table.axes_of(["scene.seed"]), "buildings of a town hide objects"
 
 
 def test_a_site_is_the_sweep_of_a_standing_vehicle_without_a_body(tmp_path):

@@ -6,9 +6,9 @@ from lidarplace.base.metrics import METRICS
 from tracking.run_folders.table_schema import Column, TableSchema
 
 _EVERY_AXIS = ("",)
-_SCENE_AXES = ("scene", "roi")
-_SURROGATE_AXES = ("scene", "roi", "lidar", "vehicle", "weather", "surrogate")
-_CLOUD_AXES = ("scene", "roi", "lidar", "vehicle", "weather", "mounting_errors")
+_SCENE_AXES = ("scene", "site", "roi")
+_SURROGATE_AXES = (*_SCENE_AXES, "lidar", "vehicle", "weather", "surrogate")
+_CLOUD_AXES = (*_SCENE_AXES, "lidar", "vehicle", "weather", "mounting_errors")
 
 _TRIAL = Column("trial", "str", "key of the trial, as in `--dry-run` and MLflow")
 PLACEMENT = Column("placement", "str", "its name")
@@ -240,7 +240,7 @@ REQUIREMENTS = TableSchema.of(
         "heading_deg", "float64", "heading of the object there, degrees; missing for a coverage"
     ),
     Column("at_worst", "float64", "the worst value found"),
-    axes=("lidar", "vehicle", "weather", "surrogate"),
+    axes=("scene", "site", "lidar", "vehicle", "weather", "surrogate"),
 )
 PROMOTIONS = TableSchema.of(
     "promotions",
