@@ -256,8 +256,9 @@ def _meet(beams, window, face, when, memory, nearest):
         t = moments[beam, 0]
         if window.lowest <= elevation <= window.highest and piece[2] <= t <= piece[3]:
             cosine, sine = beams.azimuths[beam, 0, 0], beams.azimuths[beam, 1, 0]
-            inverse = _enter_once(planes, t - centre, (ce * cosine, ce * sine, se))
-            if inverse > nearest.inverse[beam]:
+            ray, met = (ce * cosine, ce * sine, se), nearest.inverse[beam]
+            inverse = _enter_once(planes, t - centre, ray, met)
+            if inverse > met:
                 nearest.inverse[beam], nearest.part[beam] = inverse, number
 
 
@@ -269,17 +270,20 @@ def _toward(plane, t, ray):
 
 
 @inlined
-def _enter_once(planes, t, ray):
-    """Return the inverse distance at which a ray enters a part; negative: it misses it."""
-    enter, leave = np.inf, -np.inf
+def _enter_once(planes, t, ray, nearest):
+    """Return the inverse distance at which a ray enters a part; -1.0 if not above `nearest`."""
+    enter = np.inf
     for k in range(6):
         distance = _distance(planes[k], t)
-        inverse = _toward(planes[k], t, ray) / distance
         if distance > 0.0:
-            enter = min(enter, inverse)
-        else:
-            leave = max(leave, inverse)
-    return enter if leave <= enter < np.inf else -1.0
+            enter = min(enter, _toward(planes[k], t, ray) / distance)
+    if not nearest < enter < np.inf:
+        return -1.0
+    for k in range(6):
+        distance = _distance(planes[k], t)
+        if distance < 0.0 and _toward(planes[k], t, ray) < enter * distance:
+            return -1.0  # it has left the part before
+    return enter
 
 
 @inlined
