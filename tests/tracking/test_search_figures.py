@@ -154,6 +154,8 @@ def test_the_ground_as_detected_has_the_share_found_in_cells_with_enough_objects
     expected, detected = (np.array(t.z) for t in plot.data if t.type == "surface")
     assert not np.isnan(expected).any()
     assert (np.isnan(detected) == np.isnan(grounds["a"].built.T)).all()
+    few = replace(compared, objects=objects[:9], found=found[:, :9], points=points[:, :9])
+    assert detected_grounds(few) == {}
 
 
 def test_rings_on_the_ground_are_the_scale():

@@ -63,7 +63,8 @@ def with_grounds_of_folder(
 def detected_grounds(failures: Failures) -> dict[str, RecallGround]:
     """Compute the share of the objects in each cell that the detectors of two rigs found.
 
-    Means over seeds, in cells of `EDGE_M` with `FEWEST` objects or more; others are NaN."""
+    Means over seeds, in cells of `EDGE_M` with `FEWEST` objects or more; others are NaN. None if no
+    cell has as many."""
     at = np.floor(failures.objects[["x", "y"]].to_numpy(np.float64) / EDGE_M).astype(np.int64)
     low, cells = at.min(axis=0), at - at.min(axis=0)
     shape = cells.max(axis=0) + 1
@@ -73,7 +74,9 @@ def detected_grounds(failures: Failures) -> dict[str, RecallGround]:
         ((low[axis] + np.arange(shape[axis]) + 0.5)[:, None] * EDGE_M + _BOTH_SIDES).ravel()
         for axis in range(2)
     )
-    grounds = {}
+    grounds: dict[str, RecallGround] = {}
+    if counts.max(initial=0) < FEWEST:
+        return grounds
     for rig, shares in zip(failures.rigs, failures.shares, strict=True):
         hits = np.bincount(place, shares, minlength=len(counts))
         recall = np.divide(hits, counts, out=np.full(len(counts), np.nan), where=counts >= FEWEST)
