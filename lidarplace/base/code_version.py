@@ -157,7 +157,7 @@ class Sources:
 
 @dataclass(frozen=True)
 class _Source:
-    """What a source file says.
+    """Imports and digest of a source file.
 
     `digest`: hash of its syntax tree. `passed_on`: names that it imports at its top level.
     `prefixes`: packages, each with a dot at its end, of which it imports modules by names that are

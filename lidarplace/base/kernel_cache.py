@@ -43,7 +43,7 @@ def njit(**options: Any) -> Callable[[Kernel], Kernel]:
         resolve = kernel.get_call_template
 
         def resolved(args: list[Type], named: dict[str, Type]) -> Any:
-            """For a kernel that calls this one with literals: numba would compile it for each."""
+            """Resolve without literals: numba would compile the kernel for each of them."""
             return resolve(list(map(unliteral, args)), {n: unliteral(t) for n, t in named.items()})
 
         kernel.get_call_template = resolved

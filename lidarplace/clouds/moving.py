@@ -380,7 +380,7 @@ def _fill_hits(rays, surfaces, faces, moments, hits):
     steps = beams.azimuths.shape[2]
     inverse, least = np.empty(steps), np.empty(steps)
     for beam in range(len(beams.elevations)):
-        row, own = np.uint64(beam * steps), beam if len(beams.aimed) else 0
+        row, aim = np.uint64(beam * steps), beam if len(beams.aimed) else 0
         for n in range(np.uint64(steps)):
             inverse[n], target = ranges[row + n], targets[row + n]
             ranges[row + n] = np.inf if target == NOTHING else 1.0 / inverse[n]
@@ -391,7 +391,7 @@ def _fill_hits(rays, surfaces, faces, moments, hits):
             last = _end_of_run(targets, row, first, steps)
             if face < 0:
                 continue
-            run = beams.azimuths[own], moments[own], inverse, least
+            run = beams.azimuths[aim], moments[aim], inverse, least
             _fill_light(faces, face, beams.elevations[beam], run, (row, first, last), reflected)
             part = faces.part[face]
             owner, bright = surfaces.owner[part], surfaces.reflectivity[part]

@@ -60,19 +60,19 @@ def with_strips(
             if key in zone:
                 problem = "is of a single zone, and kerbs are several"
                 raise InputError(problem, key=f"{place}.{key}", fix="remove it")
-        own = {key: zone[key] for key in _KerbSettings.model_fields if key in zone}
-        settings = validated(dict[str, _KerbSettings], {place: {**(region or {}), **own}}, "")[
+        of_kerb = {key: zone[key] for key in _KerbSettings.model_fields if key in zone}
+        settings = validated(dict[str, _KerbSettings], {place: {**(region or {}), **of_kerb}}, "")[
             place
         ]
-        shared = {key: value for key, value in zone.items() if key not in own}
+        shared = {key: value for key, value in zone.items() if key not in of_kerb}
         with at(key=f"{place}.kerb"):
             around = obstacles_around(scene, site)
-        found = _strips(around, settings.kerb, settings.x, settings.y)
-        if not len(found):
+        strips = _strips(around, settings.kerb, settings.x, settings.y)
+        if not len(strips):
             problem = "no kerb of a lane is within x and y"
             fix = "draw polygons; the lanes of a log are unknown" * (scene.source == "log")
             raise InputError(problem, key=f"{place}.kerb", fix=fix)
-        for number, polygon in enumerate(_corners(found).tolist(), start=1):
+        for number, polygon in enumerate(_corners(strips).tolist(), start=1):
             if (strip := f"{name}_{number}") in zones:
                 problem = f"the name of a strip of {name!r}"
                 raise InputError(problem, key=f"{path}{strip}", fix="rename one of them")
@@ -92,7 +92,7 @@ def _strips(around: Obstacles, kerb: Interval, x: Interval, y: Interval) -> Rect
     free = np.asarray(inside.all(axis=(1, 2)), bool)
     for blocked in (around.lanes, walls):
         free[free] = ~meets_any(pieces[free], blocked)
-    found = []
+    strips = []
     while free.any():
         numbers = np.flatnonzero(free)
         apart = (np.diff(numbers) > 1) | (np.diff(lane[numbers]) > 0)
@@ -101,10 +101,10 @@ def _strips(around: Obstacles, kerb: Interval, x: Interval, y: Interval) -> Rect
             break
         strip = pieces[longest].mean(axis=0)
         strip[3] *= len(longest)
-        found.append(strip)
+        strips.append(strip)
         free[longest] = False
         free[free] = ~meets_any(pieces[free], strip[None])
-    return np.reshape(found, (-1, 5))
+    return np.reshape(strips, (-1, 5))
 
 
 def _beside(lanes: Rectangles, kerb: Interval) -> tuple[Rectangles, NDArray[np.int64]]:

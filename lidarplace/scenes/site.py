@@ -162,7 +162,7 @@ class Obstacles:
 
 @dataclass(frozen=True, eq=False)
 class Poles(Vehicle):
-    """What carries the LiDARs of a site: no body; its boxes are keep-outs.
+    """Carrier of the LiDARs of a site: no body; its boxes are keep-outs.
 
     Attributes:
         around: buildings and lanes, which pictures show."""
@@ -172,12 +172,12 @@ class Poles(Vehicle):
 
     @property
     def body(self) -> Vehicle:
-        """Nothing."""
+        """Vehicle of this name without boxes."""
         return Vehicle(self.name, np.empty((0, 2, 3)))
 
     @property
     def with_walls(self) -> Poles:
-        """The same with the buildings as a surface, which stops rays and holds no object."""
+        """Poles with the buildings as a surface, which stops rays and holds no object."""
         if not len(buildings := self.around.buildings):
             return self
         faces = 8 * np.arange(len(buildings))[:, None, None] + FACES

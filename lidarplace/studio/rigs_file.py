@@ -204,7 +204,7 @@ class RigsFile:
 
     @cached_property
     def hiding(self) -> Vehicle:
-        """What hides objects of requirements: the body, at a site the buildings."""
+        """Vehicle that hides objects of requirements: the body, at a site the buildings."""
         with at(self.path):
             if self.site is None:
                 return self.body

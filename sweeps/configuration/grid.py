@@ -66,7 +66,7 @@ class GridPoint:
 
     @cached_property
     def poles(self) -> Poles | None:
-        """What carries the LiDARs at a site, among what is around it; None: a vehicle does."""
+        """Carrier of the LiDARs at a site, with its surroundings; None: a vehicle carries them."""
         if self.point.site is None:
             return None
         return poles_at(self.point.scene, self.point.site, vehicle_of(self.point.vehicle))

@@ -33,7 +33,7 @@ class Listener(Protocol):
 
 @dataclass
 class Outcome:
-    """What happened to tasks, by key.
+    """Failures and times of tasks, by key.
 
     `failures`: of tasks that had no result. `times`: when a task began and ended on its worker,
     seconds of the driver's `time.monotonic`."""

@@ -61,7 +61,7 @@ def training_stage(
     assert detector is not None
     checkpoint = None
     if settings.checkpoint is not None:
-        sized = (name for name, given in point.class_settings.items() if given.size is not None)
+        sized = (name for name, sizes in point.class_settings.items() if sizes.size is not None)
         checkpoint, typical = once(
             named_files.checkpoint_of,
             settings.checkpoint,

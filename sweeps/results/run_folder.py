@@ -111,7 +111,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
     (folder / Grounds.FILE).unlink(missing_ok=True)  # of an earlier run
     frames = Counter[str]()
     pictured: Mapping[str, Cell] = {}
-    shown = plan.trials[0].grid_point
+    drawn_point = plan.trials[0].grid_point
     if started:
         for scene in (task for task in started[0].scenes if task.key in finished):
             frames.update(store.read(scene, lambda log: log.frames)["split"])
@@ -122,10 +122,10 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: Store, run: Run) ->
         if tested:
             one_frame(with_detector(drawn_trials), store).write(folder)
         pictured = axis_values(drawn_trials[0], [a for a in axes if a in surrogates.columns])
-        shown = drawn_trials[0].grid_point
+        drawn_point = drawn_trials[0].grid_point
     counts = Frames(train=frames["train"], test=frames["test"])
     cautions = [*plan.cautions, *rig_cautions(plan), *_detection_cautions(tested, store)]
-    _about(sweep, counts, run, pictured, shown, plan, cautions).write(folder)
+    _about(sweep, counts, run, pictured, drawn_point, plan, cautions).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
     return Analysis(RunFolder.read(folder))
 
@@ -254,11 +254,11 @@ def _about(
     frames: Frames,
     run: Run,
     pictured: Mapping[str, Cell],
-    shown: GridPoint,
+    drawn_point: GridPoint,
     plan: Plan,
     cautions: Sequence[str],
 ) -> SweepResult:
-    first, body = sweep.points[0].point, shown.vehicle
+    first, body = sweep.points[0].point, drawn_point.vehicle
     rigs = {one.point.placement: one.rig for one in sweep.points}
     rungs = (rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote)
     return SweepResult(
@@ -284,5 +284,5 @@ def _about(
         pictured=pictured,
         vehicle=None if body is None else body.boxes.tolist(),
         vehicle_mesh=None if body is None else Triangles.of(body.mesh),
-        site=Surroundings.of(shown.poles),
+        site=Surroundings.of(drawn_point.poles),
     )

@@ -117,7 +117,7 @@ class Surroundings(Part):
 
     @property
     def obstacles(self) -> Obstacles:
-        """The same as arrays."""
+        """Buildings and lanes as arrays."""
         rows = ((self.buildings, 7), (self.lanes, 5))
         return Obstacles(*(np.array(each, np.float64).reshape(-1, n) for each, n in rows))
 

@@ -130,12 +130,14 @@ class SumoScene(RouteSettings):
     def _check_stands_still(self) -> None:
         towns = {*self.towns, *(self.test_towns or ())}
         if len(towns) > 1:
-            problem, found = "a site is in one town", ", ".join(sorted(towns))
-            raise InputError(problem, key="scene.towns", expected="one", found=found)
-        if self.min_travel_m:
-            found = f"{self.min_travel_m:g}"
+            names = ", ".join(sorted(towns))
             raise InputError(
-                "a site does not move", key="scene.min_travel_m", expected=0, found=found
+                "a site is in one town", key="scene.towns", expected="one", found=names
+            )
+        if self.min_travel_m:
+            travel = f"{self.min_travel_m:g}"
+            raise InputError(
+                "a site does not move", key="scene.min_travel_m", expected=0, found=travel
             )
 
     def frame_counts(self) -> tuple[int, int]:

@@ -153,7 +153,7 @@ class Carrier:
 
     @property
     def hiding(self) -> Vehicle:
-        """What hides objects of requirements: the vehicle, at a site the buildings."""
+        """Vehicle that hides objects of requirements: the body, at a site the buildings."""
         return self.requirements[0].vehicle if self.requirements else self.vehicle
 
     def total_of(self, total: str, rig: Rig) -> float:
