@@ -181,8 +181,10 @@ def test_what_the_sweep_did_not_make_is_said(made_up_run, tmp_path):
         (folder / name).unlink()
     sections = ("individuals", "accuracy", "sampling_error", "where_time_went", "by_distance")
     page = Page(report_of(folder, "coverage", "clouds", *sections).read_text(encoding="utf-8"))
-    for name in optional[1:]:
+    for name in ("frame.npz", *(f"{name}.parquet" for name in ("individuals", "tasks", "points"))):
         assert name in page.text
+    for key in ("accuracy", "sampling_error"):
+        assert f"Not computed; surrogate.{key} of a sweep adds it." in page.text
     assert "The run folder has no maps of residual entropy." in page.text
 
 

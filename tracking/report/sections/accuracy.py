@@ -33,7 +33,7 @@ def accuracy_section(analysis: Analysis) -> Section:
     run = analysis.run
     title = "Surrogates: error against run time"
     if run.accuracy is None or run.accuracy.empty:
-        return Section(title, ["The run folder has no accuracy.parquet."])
+        return Section(title, ["Not computed; surrogate.accuracy of a sweep adds it."])
     section = Section(title, columns=2)
     section.notes.append(
         "Error against the finest resolution that was computed; a coarse grid makes beams thick "

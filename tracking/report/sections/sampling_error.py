@@ -22,11 +22,8 @@ def sampling_error_section(analysis: Analysis) -> Section:
     """Show how much the surrogates would change with other frames."""
     run = analysis.run
     section = Section("Surrogates: sampling error of the POG")
-    tables = {"sampling_error": run.sampling_error, "pog_resamples": run.pog_resamples}
-    missing = [name for name, table in tables.items() if table is None or table.empty]
-    if run.sampling_error is None or run.pog_resamples is None or missing:
-        names = " and ".join(f"{name}.parquet" for name in missing)
-        section.notes.append(f"The run folder has no {names}.")
+    if run.sampling_error is None or run.pog_resamples is None or run.pog_resamples.empty:
+        section.notes.append("Not computed; surrogate.sampling_error of a sweep adds it.")
         return section
     section.notes.append(
         "The POG is counted over some frames and not over all traffic. Blocks of consecutive "
