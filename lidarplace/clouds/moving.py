@@ -232,9 +232,9 @@ def _pieces_of(turn):
 
 
 @inlined
-def _distance(plane, t):
+def _distance(planes, k, t):
     """Return the distance of the sensor outside of a plane, never 0."""
-    distance = plane[6] + t * plane[7]
+    distance = planes[k, 6] + t * planes[k, 7]
     return distance if abs(distance) > 1e-290 else 1e-290
 
 
@@ -263,10 +263,10 @@ def _meet(beams, window, face, when, memory, nearest):
 
 
 @inlined
-def _toward(plane, t, ray):
+def _toward(planes, k, t, ray):
     """Return the cosine of a ray with the inward normal of a plane."""
-    x, y, z = plane[0] + t * plane[3], plane[1] + t * plane[4], plane[2] + t * plane[5]
-    return ray[0] * x + ray[1] * y + ray[2] * z
+    x, y = planes[k, 0] + t * planes[k, 3], planes[k, 1] + t * planes[k, 4]
+    return ray[0] * x + ray[1] * y + ray[2] * (planes[k, 2] + t * planes[k, 5])
 
 
 @inlined
@@ -274,14 +274,14 @@ def _enter_once(planes, t, ray, nearest):
     """Return the inverse distance at which a ray enters a part; -1.0 if not above `nearest`."""
     enter = np.inf
     for k in range(6):
-        distance = _distance(planes[k], t)
+        distance = _distance(planes, k, t)
         if distance > 0.0:
-            enter = min(enter, _toward(planes[k], t, ray) / distance)
+            enter = min(enter, _toward(planes, k, t, ray) / distance)
     if not nearest < enter < np.inf:
         return -1.0
     for k in range(6):
-        distance = _distance(planes[k], t)
-        if distance < 0.0 and _toward(planes[k], t, ray) < enter * distance:
+        distance = _distance(planes, k, t)
+        if distance < 0.0 and _toward(planes, k, t, ray) < enter * distance:
             return -1.0  # it has left the part before
     return enter
 
@@ -298,9 +298,9 @@ def _meet_beams(beams, window, rays, face, memory, nearest):
         last = _same_sides(planes, times, centre, first, end)
         facing = _fill_lines(planes, cosines, sines, times, centre, (first, last), memory)
         for beam in range(start, stop if facing > 0 else start):
-            elevation, ce, se = beams.elevations[beam]
-            if not window.lowest <= elevation <= window.highest:
+            if not window.lowest <= beams.elevations[beam, 0] <= window.highest:
                 continue
+            ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
             _enter(memory, facing, ce, se, (first, last))
             row = np.uint64(beam * beams.azimuths.shape[2])
             for n in range(np.uint64(first), np.uint64(last)):
@@ -315,11 +315,10 @@ def _same_sides(planes, times, centre, first, end):
     """Return the end of the steps from `first` on at which the same planes face the sensor."""
     last = end
     for k in range(6):
-        plane = planes[k]
-        side = _distance(plane, times[first] - centre) > 0.0
-        if (_distance(plane, times[last - 1] - centre) > 0.0) != side:
+        side = _distance(planes, k, times[first] - centre) > 0.0
+        if (_distance(planes, k, times[last - 1] - centre) > 0.0) != side:
             n = first + 1
-            while (_distance(plane, times[n] - centre) > 0.0) == side:
+            while (_distance(planes, k, times[n] - centre) > 0.0) == side:
                 n += 1
             last = n
     return last
@@ -331,22 +330,23 @@ def _fill_lines(planes, cosines, sines, times, centre, ends, lines):
     first, last = np.uint64(ends[0]), np.uint64(ends[1])
     facing, others = 0, 6
     for k in range(6):
-        x, y, z, vx, vy, vz, _, change = planes[k]
-        if _distance(planes[k], times[first] - centre) > 0.0:
+        x, y, z = planes[k, 0], planes[k, 1], planes[k, 2]
+        vx, vy, vz, change = planes[k, 3], planes[k, 4], planes[k, 5], planes[k, 7]
+        if _distance(planes, k, times[first] - centre) > 0.0:
             row = facing
             facing += 1
         else:
             others -= 1
             row = others
         if vx == vy == vz == change == 0.0:  # as of top and bottom
-            inverse = 1.0 / _distance(planes[k], 0.0)
+            inverse = 1.0 / _distance(planes, k, 0.0)
             x, y, z = x * inverse, y * inverse, z * inverse
             for n in range(first, last):
                 lines[row, n], lines[6 + row, n] = x * cosines[n] + y * sines[n], z
             continue
         for n in range(first, last):
             t = times[n] - centre
-            inverse = 1.0 / _distance(planes[k], t)
+            inverse = 1.0 / _distance(planes, k, t)
             across = (x + t * vx) * cosines[n] + (y + t * vy) * sines[n]
             lines[row, n], lines[6 + row, n] = across * inverse, (z + t * vz) * inverse
     return facing
@@ -391,8 +391,8 @@ def _fill_hits(rays, surfaces, faces, moments, hits):
             last = _end_of_run(targets, row, first, steps)
             if face < 0:
                 continue
-            run = beams.azimuths[aim], moments[aim], inverse, least
-            _fill_light(faces, face, beams.elevations[beam], run, (row, first, last), reflected)
+            run = beam, aim, first, last
+            _fill_light(faces, face, beams, run, (moments, inverse, least), reflected)
             part = faces.part[face]
             owner, bright = surfaces.owner[part], surfaces.reflectivity[part]
             for n in range(row + np.uint64(first), row + np.uint64(last)):
@@ -416,22 +416,26 @@ def _end_of_run(values, row, first, end):
 
 
 @inlined
-def _fill_light(faces, face, beam, run, ends, light):
+def _fill_light(faces, face, beams, run, rows, light):
     """Fill the cosines of incidence of a run of rays on a part.
 
     They are of the plane that the ray meets where it enters: of those that face the sensor and are
-    not beyond. `least` is memory."""
-    planes, facing, centre = faces.planes, faces.facing[face], faces.centre[face]
-    (_, ce, se), (azimuths, times, inverse, least), (row, first, last) = beam, run, ends
-    first, last = np.uint64(first), np.uint64(last)
+    not beyond. The run are the beam, its row of azimuths, and the first and past the last step;
+    `least` is memory."""
+    planes, azimuths, centre = faces.planes, beams.azimuths, faces.centre[face]
+    (beam, aim, first, last), (moments, inverse, least) = run, rows
+    ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
+    row, first, last = np.uint64(beam * azimuths.shape[2]), np.uint64(first), np.uint64(last)
     for n in range(first, last):
         least[n] = np.inf
-    for k in range(facing):
-        x, y, z, vx, vy, vz, d, change = planes[face, k]
+    for k in range(faces.facing[face]):
+        x, y, z = planes[face, k, 0], planes[face, k, 1], planes[face, k, 2]
+        vx, vy, vz = planes[face, k, 3], planes[face, k, 4], planes[face, k, 5]
+        start, change = planes[face, k, 6], planes[face, k, 7]
         for n in range(first, last):
-            t = times[n] - centre
-            across = (x + t * vx) * azimuths[0, n] + (y + t * vy) * azimuths[1, n]
-            cosine, distance = ce * across + se * (z + t * vz), d + t * change
+            t = moments[aim, n] - centre
+            across = (x + t * vx) * azimuths[aim, 0, n] + (y + t * vy) * azimuths[aim, 1, n]
+            cosine, distance = ce * across + se * (z + t * vz), start + t * change
             beyond = cosine - inverse[n] * distance
             nearer = (distance > 0.0) & (beyond < least[n])
             least[n] = beyond if nearer else least[n]
