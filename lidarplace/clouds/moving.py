@@ -252,9 +252,9 @@ def _meet(beams, window, face, when, memory, nearest):
             _meet_beams(beams, window, rays, (planes, number, centre), memory, nearest)
         return
     for beam in range(beams_within[0], beams_within[1]):
-        elevation, ce, se = beams.elevations[beam]
-        t = moments[beam, 0]
+        elevation, t = beams.elevations[beam, 0], moments[beam, 0]
         if window.lowest <= elevation <= window.highest and piece[2] <= t <= piece[3]:
+            ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
             cosine, sine = beams.azimuths[beam, 0, 0], beams.azimuths[beam, 1, 0]
             ray, met = (ce * cosine, ce * sine, se), nearest.inverse[beam]
             inverse = _enter_once(planes, t - centre, ray, met)
