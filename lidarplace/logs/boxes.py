@@ -123,3 +123,18 @@ def frame_ids(table: pd.DataFrame) -> np.ndarray:
 def frame_keys(*tables: pd.DataFrame) -> list[str]:
     """Return columns that name a frame in all `tables`: `scene`, if they have it, and `frame`."""
     return ["scene"] * all("scene" in table.columns for table in tables) + ["frame"]
+
+
+def corners(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the corners of boxes (m, 7), rows of `GEOMETRY`; shape (m, 8, 3), metres.
+
+    Corner n is in front if bit 0 of n is set, on the left for bit 1, at the top for bit 2."""
+    signs = np.array([[n & 1, n >> 1 & 1, n >> 2 & 1] for n in range(8)]) - 0.5
+    local = signs * boxes[:, None, 3:6]
+    c, s = np.cos(boxes[:, 6, None]), np.sin(boxes[:, 6, None])
+    turned = [
+        c * local[..., 0] - s * local[..., 1],
+        s * local[..., 0] + c * local[..., 1],
+        local[..., 2],
+    ]
+    return boxes[:, None, :3] + np.stack(turned, axis=-1)

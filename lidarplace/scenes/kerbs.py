@@ -13,10 +13,10 @@ from lidarplace.base.errors import InputError, at
 from lidarplace.base.roi import Interval
 from lidarplace.configuration.mounting import Span, number_as_interval, ordered
 from lidarplace.configuration.settings import Distance, Settings, validated
+from lidarplace.logs.boxes import corners
 from lidarplace.scenes.kinds import Scene, obstacles_around
 from lidarplace.scenes.site import Obstacles, Site
 from lidarplace.scenes.sumo.buildings import Rectangles, meets_any
-from lidarplace.viewing.solids import corners
 
 STEP_M = 0.5
 """Length of the pieces of which strips are made, metres."""

@@ -94,8 +94,8 @@ def scene_parts(scene: Scene, site: Site | None = None) -> list[ScenePart]:
 
 def _check_has_sites(scene: Scene) -> None:
     if scene.source not in KINDS.own:
-        problem, known = "has no sites", " or ".join(KINDS.own)
-        raise InputError(problem, key="source", expected=known, found=scene.source)
+        expected = " or ".join(KINDS.own)
+        raise InputError("has no sites", key="source", expected=expected, found=scene.source)
 
 
 def obstacles_around(scene: Scene, site: Site) -> Obstacles:

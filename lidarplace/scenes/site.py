@@ -25,6 +25,7 @@ from lidarplace.logs.boxes import (
     POSE_COLUMNS,
     SIZE,
     VIEWPOINT_Z,
+    corners,
     count_columns,
     full_poses,
     geometry_of,
@@ -34,7 +35,6 @@ from lidarplace.mounting.trailer import FACES
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone, grid
 from lidarplace.rigs.placement import Placement
-from lidarplace.viewing.solids import corners
 
 POLE = Range(0.0, 15.0)
 """Height of a LiDAR on a pole or a gantry, metres."""

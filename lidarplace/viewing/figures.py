@@ -5,12 +5,13 @@ from functools import singledispatch
 import numpy as np
 import plotly.graph_objects as go
 
+from lidarplace.logs.boxes import corners
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.result import Surrogates
 from lidarplace.rigs.placement import Placement
 from lidarplace.viewing import style
 from lidarplace.viewing.axes import equal_axes, xyz
-from lidarplace.viewing.solids import corners, edges
+from lidarplace.viewing.solids import edges
 from lidarplace.viewing.vehicle import add_lidars, vehicle_boxes
 
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from lidarplace.clouds.shapes import between
 from lidarplace.logs.box_log import BoxLog
-from lidarplace.logs.boxes import GEOMETRY, SIZE
+from lidarplace.logs.boxes import GEOMETRY, SIZE, corners
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.viewing import style
 from lidarplace.viewing.page import write_page
-from lidarplace.viewing.solids import corners, headings
+from lidarplace.viewing.solids import headings
 
 FRAMES = 6
 """Frames drawn of a log: the first that hold a box."""

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-# Corner n of a box: bit 0 is the front, bit 1 the left, bit 2 the top.
-_SIGNS = np.array([[n & 1, n >> 1 & 1, n >> 2 & 1] for n in range(8)]) - 0.5
+from lidarplace.logs.boxes import corners
+
 # A line that runs along all twelve edges; -1 lifts the pen.
 _EDGES = np.array([0, 1, 3, 2, 0, 4, 5, 7, 6, 4, -1, 1, 5, -1, 3, 7, -1, 2, 6, -1])
 _TRIANGLES = np.array(
@@ -13,20 +13,6 @@ _TRIANGLES = np.array(
         [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 3, 7], [1, 7, 5],
     ]
 )  # fmt: skip
-
-
-def corners(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the corners of boxes (m, 7), rows of `GEOMETRY`; shape (m, 8, 3), metres.
-
-    Corner n lies in front if bit 0 of n is set, to the left for bit 1, at the top for bit 2."""
-    local = _SIGNS * boxes[:, None, 3:6]
-    c, s = np.cos(boxes[:, 6, None]), np.sin(boxes[:, 6, None])
-    turned = [
-        c * local[..., 0] - s * local[..., 1],
-        s * local[..., 0] + c * local[..., 1],
-        local[..., 2],
-    ]
-    return boxes[:, None, :3] + np.stack(turned, axis=-1)
 
 
 def edges(boxes: NDArray[np.float64]) -> NDArray[np.float32]:

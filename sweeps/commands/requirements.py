@@ -139,7 +139,7 @@ def _picture(check: RequirementsCheck) -> Section:
     placements = {rig.name: rig for rig in check.rigs}
     pictured = with_grounds(pictured, placements, check.layouts[0].vehicle, CLASSES)
     notes = [axes_and_posts(check.vehicle), ground_note(pictured)]
-    return Section("The rigs", notes, [rig_picture(pictured, check.vehicle)], columns=2)
+    return Section("The rigs", notes, [rig_picture(pictured, check.vehicle)], columns=1)
 
 
 def _sections(

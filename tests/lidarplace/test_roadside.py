@@ -203,6 +203,7 @@ def walls_of(around):
         ({}, {"x": 9000.0, "y": 0.0}, ("", "site", "")),
         ({"towns": ("generated", "Town03")}, {}, ("", "scene.towns", "Town03, generated")),
         ({"min_travel_m": 1.0}, {}, ("", "scene.min_travel_m", "1")),
+        ({}, {"within": 20.0}, "site.within: only a site in a log has it; remove it"),
     ],
 )
 def test_sites_that_cannot_be(scene, site, expected):

@@ -13,10 +13,10 @@ from lidarplace.clouds.profiles import PROFILES
 from lidarplace.commands.view import app
 from lidarplace.configuration.placement import read_placement
 from lidarplace.logs.box_log import BoxLog, write_box_log
-from lidarplace.logs.boxes import BOX_COLUMNS, BUILDING_COLUMNS
+from lidarplace.logs.boxes import BOX_COLUMNS, BUILDING_COLUMNS, corners
 from lidarplace.viewing.frame import busiest_frame, read_frame
 from lidarplace.viewing.scene import draw_frame
-from lidarplace.viewing.solids import corners, edges, headings, triangles
+from lidarplace.viewing.solids import edges, headings, triangles
 from tests.sweeps.toy import call
 
 CROP = (0.0, -20.0, 0.0, 40.0, 20.0, 4.0)

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.files.atomic import replacing
-from lidarplace.viewing.solids import corners
+from lidarplace.logs.boxes import corners
 from tracking import labels
 from tracking.figures.kit.style import DIVERGING, OUTLINE, colour, lidar_colour
 from tracking.findings.groups import at

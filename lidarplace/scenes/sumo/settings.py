@@ -87,10 +87,10 @@ class SumoScene(RouteSettings):
         """List the simulations of the scene, training first; each can be recorded on its own.
 
         Routes and frames are numbered through the whole scene, before anything is recorded. At a
-        site every route has its own traffic in one town. Raises ValueError: there are several, or
-        frames are kept by travel."""
+        site every route has its own traffic in one town. Raises ValueError: there are several,
+        frames are kept by travel, or the site has keys of logs."""
         if site is not None:
-            self._check_stands_still()
+            self._check(site)
         tests = self.towns if self.test_towns is None else self.test_towns
         places: list[tuple[Part, str, int]] = [
             *(("train", town, self.routes) for town in self.towns),
@@ -127,7 +127,11 @@ class SumoScene(RouteSettings):
                 route += count
         return tuple(runs)
 
-    def _check_stands_still(self) -> None:
+    def _check(self, site: Site) -> None:
+        for key in ("scene", "within"):
+            if getattr(site, key) != Site.model_fields[key].default:
+                fix = "remove it"
+                raise InputError("only a site in a log has it", key=f"site.{key}", fix=fix)
         towns = {*self.towns, *(self.test_towns or ())}
         if len(towns) > 1:
             names = ", ".join(sorted(towns))

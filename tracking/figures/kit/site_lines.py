@@ -7,11 +7,12 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from lidarplace.logs.boxes import corners
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.scenes.site import Obstacles, Poles
 from lidarplace.viewing.axes import xyz
 from lidarplace.viewing.lane_edges import lane_edges
-from lidarplace.viewing.solids import corners, edges, triangles
+from lidarplace.viewing.solids import edges, triangles
 from tracking.figures.kit.style import OUTLINE, QUIET
 
 ON_DARK = "rgba(255, 255, 255, 0.55)"

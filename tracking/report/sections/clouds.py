@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
-from lidarplace.viewing.solids import corners
+from lidarplace.logs.boxes import corners
 from tracking.figures.kit.style import OUTLINE, QUIET, add_menu, figure, lidar_colour, text
 from tracking.figures.kit.vehicle_lines import add_vehicle
 from tracking.findings.groups import has_detectors, pictured
