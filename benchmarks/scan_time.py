@@ -25,10 +25,10 @@ from lidarplace.rigs.scan_timing import ScanTiming
 
 REPEATS = 5
 LIDARS = {
-    "5625 azimuth steps": Lidar.even(azimuth_steps=5625, range_noise=0.02, drop_off=0.05),
-    "900 azimuth steps": Lidar.even(azimuth_steps=900, range_noise=0.02, drop_off=0.05),
-    "mid70, a pattern of 10,000 rays": SensorSettings(name="mid70").lidar(),
+    f"{steps} azimuth steps": Lidar.even(azimuth_steps=steps, range_noise=0.02, drop_off=0.05)
+    for steps in (5625, 1800, 900)
 }
+LIDARS["mid70, a pattern of 10,000 rays"] = SensorSettings(name="mid70").lidar()
 TIMINGS = {"off": None, "on": ScanTiming(10.0)}
 
 
