@@ -87,10 +87,9 @@ def _strips(around: Obstacles, kerb: Interval, x: Interval, y: Interval) -> Rect
     be nearer. They are inside of x and y, and at least 2 m long."""
     pieces, lane = _beside(around.lanes, kerb)
     x_y = _corners(pieces)
-    walls = around.buildings[:, [0, 1, 6, 3, 4]] * [1, 1, 1, 0.5, 0.5]
     inside = (x_y >= [x[0], y[0]]) & (x_y <= [x[1], y[1]])
     free = np.asarray(inside.all(axis=(1, 2)), bool)
-    for blocked in (around.lanes, walls):
+    for blocked in (around.lanes, around.footprints):
         free[free] = ~meets_any(pieces[free], blocked)
     strips = []
     while free.any():

@@ -148,14 +148,19 @@ class Obstacles:
         for place in grid(zone, ZONE_STEP_M):
             self.check_place(place, "a part of it")
 
+    @property
+    def footprints(self) -> NDArray[np.float64]:
+        """Buildings as rectangles like `lanes`, shape (n, 5)."""
+        return self.buildings[:, [0, 1, 6, 3, 4]] * [1, 1, 1, 0.5, 0.5]
+
     def check_place(self, position: NDArray[np.float64], name: str, place: str = "") -> None:
         """Raise ValueError unless a pole or a gantry can hold what has this name there."""
         x, y, z = position.tolist()
         POLE.check("z", z, place=": ".join(filter(None, (place, name))))
-        name, walls = f"{name} at {point(x, y, z)}", self.buildings
-        if (_holds(walls[:, [0, 1, 6, 3, 4]], 0.5, x, y) & (z <= walls[:, 5])).any():
+        name = f"{name} at {point(x, y, z)}"
+        if (_holds(self.footprints, x, y) & (z <= self.buildings[:, 5])).any():
             raise InputError(f"{name} is inside of a building", place=place, fix="move it")
-        if z < TRAFFIC_M and _holds(self.lanes, 1.0, x, y).any():
+        if z < TRAFFIC_M and _holds(self.lanes, x, y).any():
             expected = f"a place off the lanes, or z from {TRAFFIC_M:g} m, as on a gantry"
             raise InputError(f"{name} is in the way of vehicles", place=place, expected=expected)
 
@@ -194,10 +199,10 @@ class Poles(Vehicle):
         return inside
 
 
-def _holds(rectangles: NDArray[np.float64], scale: float, x: float, y: float) -> NDArray[np.bool_]:
-    """Return which rectangles, x, y, yaw and `scale` times half of their sides, hold a place."""
+def _holds(rectangles: NDArray[np.float64], x: float, y: float) -> NDArray[np.bool_]:
+    """Return which rectangles, x, y, yaw and half of their sides, hold a place."""
     at = _in_frame(rectangles[:, 2], x - rectangles[:, 0], y - rectangles[:, 1])
-    return np.asarray((np.abs(at) <= scale * rectangles[:, 3:]).all(axis=1))
+    return np.asarray((np.abs(at) <= rectangles[:, 3:]).all(axis=1))
 
 
 def _in_frame(yaw: Any, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
