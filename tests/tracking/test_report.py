@@ -184,7 +184,7 @@ def test_what_the_sweep_did_not_make_is_said(made_up_run, tmp_path):
     for name in ("frame.npz", *(f"{name}.parquet" for name in ("individuals", "tasks", "points"))):
         assert name in page.text
     for key in ("accuracy", "sampling_error"):
-        assert f"Not computed; surrogate.{key} of a sweep adds it." in page.text
+        assert f"not computed; surrogate.{key} of a sweep adds them." in page.text
     assert "The run folder has no maps of residual entropy." in page.text
 
 

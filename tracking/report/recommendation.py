@@ -76,7 +76,9 @@ class Recommendation:
         if of_best.empty:
             return ""
         if of_best["met"].all():
-            return f"{self.best.best} meets all {len(of_best)} requirements."
+            number = len(of_best)
+            met = f"all {number} requirements" if number > 1 else "its requirement"
+            return f"{self.best.best} meets {met}."
         is_open = of_best["undecided"] > 0
         failed = of_best.loc[~of_best["met"] & ~is_open, "requirement"].tolist()
         sentence = f"{self.best.best} fails {len(failed)} of {len(of_best)} requirements"

@@ -33,7 +33,10 @@ def accuracy_section(analysis: Analysis) -> Section:
     run = analysis.run
     title = "Surrogates: error against run time"
     if run.accuracy is None or run.accuracy.empty:
-        return Section(title, ["Not computed; surrogate.accuracy of a sweep adds it."])
+        return Section(
+            title,
+            ["Errors against run time: not computed; surrogate.accuracy of a sweep adds them."],
+        )
     section = Section(title, columns=2)
     section.notes.append(
         "Error against the finest resolution that was computed; a coarse grid makes beams thick "

@@ -23,7 +23,9 @@ def sampling_error_section(analysis: Analysis) -> Section:
     run = analysis.run
     section = Section("Surrogates: sampling error of the POG")
     if run.sampling_error is None or run.pog_resamples is None or run.pog_resamples.empty:
-        section.notes.append("Not computed; surrogate.sampling_error of a sweep adds it.")
+        section.notes.append(
+            "Sampling errors: not computed; surrogate.sampling_error of a sweep adds them."
+        )
         return section
     section.notes.append(
         "The POG is counted over some frames and not over all traffic. Blocks of consecutive "
